@@ -158,16 +158,17 @@ class SoftContacts(PlacedManifolds):
 
     def warm_start(self):
         """Starts with the impulses of the last substep, limited by LOAD_GROWTH."""
-        self.impulse = self._limited(np.maximum(LOAD_GROWTH * self.started, self.weight))
+        self.impulse = self._grown(self.started)
         self.started = self.impulse[:POINTS]
         self.pending = self.pending + self.impulse
 
-    def _limited(self, most):
-        """Impulses (7, M), with at most (4, M) at the points unless masses are UNEVEN."""
+    def _grown(self, before):
+        """Impulses (7, M), if those at the points were (4, M) before, limited by LOAD_GROWTH."""
         normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
-        limited = np.where(self.isUneven, normal, np.minimum(normal, most))
-        share = np.add.reduce(limited) / np.maximum(np.add.reduce(normal), TINY)
-        return np.concatenate((limited, friction * share))
+        grown = np.minimum(normal, np.maximum(LOAD_GROWTH * before, self.weight))
+        grown[:, self.isUneven] = normal[:, self.isUneven]
+        share = np.add.reduce(grown) / np.maximum(np.add.reduce(normal), TINY)
+        return np.concatenate((grown, friction * share))
 
     def soft_sweep(self, motion):
         """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
@@ -248,12 +249,12 @@ class SoftContacts(PlacedManifolds):
                 elastic = self._elastic(motion, isStruck, closing, CRCoeff)
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 plastic = plastic + CRCoeff * (elastic - plastic)
-            isBlow = isStruck.any(axis=0) | (plastic != self.total).any(axis=0)
             self.total = plastic
-            # a blow more across gravity than along it is no load, and would be repeated in the next
-            # step; along it, heavy bodies that fall would press light ones into the ground
-            some = indices(isBlow & (2.0 * fall**2 <= self.fallSpeed**2))
-            begun = self._limited(self.carried * (self.h / self.timeStep))
+            # a hard blow more across gravity than along it is no load, and would be repeated in the
+            # next step; along it, heavy bodies that fall would press light ones into the ground
+            isHard = (isStruck & (closing < -self.fallSpeed)).any(axis=0)
+            some = indices(isHard & (2.0 * fall**2 <= self.fallSpeed**2))
+            begun = self._grown(self.carried * (self.h / self.timeStep))
             self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)

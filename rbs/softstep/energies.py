@@ -59,13 +59,8 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     count = int(island.max()) + 1
     frame, rests, isWorked = _surroundings(motion, island, mass, links)
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
-    # gravity works along the way or, if that is less and velocities do not turn about, along their
-    # mean: where springs yield, a body moves without a velocity, and nothing is given back
-    fall, change = motion.timeStep * motion.gravity[:, :-1], velocity[:3] - begin[:3]
-    work = dot(fall, motion.shift[:, :-1] / motion.timeStep - frame[:3])
-    isSmooth = dot(change, change) <= 4.0 * dot(fall, fall)
-    ofMean = np.where(isSmooth, 0.5 * dot(fall, (begin + velocity)[:3]), work)
-    work = mass * np.minimum(work, ofMean)
+    way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
+    work = mass * dot(motion.gravity[:, :-1], way)
     isTouched, isStrained = np.zeros((2, last + 1), dtype=bool)
     isTouched[touching], isStrained[infeasible] = True, True
     isTouched, isStrained = (
