@@ -260,7 +260,7 @@ class SoftContacts(PlacedManifolds):
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
         some, smooth = indices(isPressed), self.normal * ~self.total[POINTS:].any(axis=0)
         given = take(self.ends, some, 1), take(smooth, some, 1), distances.columns
-        share = bounded_share(motion, *given, distances.infeasible())
+        share = bounded_share(motion, *given, *distances.strained())
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck, closing):

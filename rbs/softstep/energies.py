@@ -21,23 +21,24 @@ from rbs.stepping.flight import turn_matrix
 BOUNCED = 1.6
 
 
-def bounded_share(motion, touching, normal, tied, infeasible):
+def bounded_share(motion, touching, normal, tied, strained, infeasible):
     """Leaves each island of connected bodies no more energy than it had, plus the work of gravity.
 
     Where it has more, its velocities shrink if it rests on something, apart from the mean one along
     that, and otherwise its impulses: momentum is conserved where nothing takes it. Islands on which
     torques work, or supports that move differently, are left alone, and so are those without a
-    contact: constraints give back only what they took. Infeasible ones would give more, and where
-    they are, gravity's work does not count.
+    contact: constraints give back only what they took. Strained ones would give more, and where
+    some are infeasible, gravity's work does not count.
     Returns the share (m + 1,) of each body's impulses that is left.
 
     touching : (2, C), columns of `Motion` that touch
     normal : (3, C), their unit normals, or 0 where friction acts, too
-    tied, infeasible : (2, L), (2, K), those that constraints join, and that infeasible ones join
+    tied, strained, infeasible : (2, L), (2, S), (2, K), those that constraints join, and that
+        strained and infeasible ones join
     """
     last, isTumbling = len(motion.moving), motion.drift is not None
     isMovable, share = motion.invMass[:-1] > 0.0, np.ones(last + 1)
-    if len(touching[0]) + len(infeasible[0]) == 0:
+    if len(touching[0]) + len(strained[0]) == 0:
         return share
     links = np.concatenate((touching, tied), axis=1)
     mass = 1.0 / np.where(isMovable, motion.invMass[:-1], np.inf)
@@ -61,16 +62,16 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
     work = mass * dot(motion.gravity[:, :-1], way)
-    isTouched, isStrained = np.zeros((2, last + 1), dtype=bool)
-    isTouched[touching], isStrained[infeasible] = True, True
-    isTouched, isStrained = (
-        np.bincount(island, x[:-1], count) > 0.0 for x in (isTouched, isStrained)
+    isBound, isInfeasible = np.zeros((2, last + 1), dtype=bool)
+    isBound[touching], isBound[strained], isInfeasible[infeasible] = True, True, True
+    isBound, isInfeasible = (
+        np.bincount(island, x[:-1], count) > 0.0 for x in (isBound, isInfeasible)
     )
-    limit = 0.5 * products(begin, begin) + np.where(isStrained[island], 0.0, work)
+    limit = 0.5 * products(begin, begin) + np.where(isInfeasible[island], 0.0, work)
     now = turned(velocity)
     limit = np.bincount(island, limit, count)
     energy = np.bincount(island, 0.5 * products(now, now), count)
-    isBound = ~isWorked & (isTouched | isStrained)
+    isBound &= ~isWorked
     isOver = isBound & (energy > limit)
     if not (isOver.any() or isTumbling):
         return share
