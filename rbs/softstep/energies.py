@@ -63,7 +63,8 @@ def bounded_share(motion, touching, normal, tied, strained, infeasible):
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
     work = mass * dot(motion.gravity[:, :-1], way)
     isBound, isInfeasible = np.zeros((2, last + 1), dtype=bool)
-    isBound[touching], isBound[strained], isInfeasible[infeasible] = True, True, True
+    isBound[touching], isBound[strained] = True, True
+    isInfeasible[infeasible] = True
     isBound, isInfeasible = (
         np.bincount(island, x[:-1], count) > 0.0 for x in (isBound, isInfeasible)
     )
