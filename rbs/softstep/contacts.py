@@ -81,6 +81,7 @@ class SoftContacts(PlacedManifolds):
         self.closing = -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
         # that gravity adds in a step, in m/s
         self.fallSpeed = max(motion.fallRate * self.timeStep, self.rounding)
+        self.slow = max(TOLERANCE * self.fallSpeed, self.rounding)
         self.rate, self.softness = spring(FREQUENCY, DAMPING, h)
         self.started = self.impulse[:POINTS]
         # in a step as in the last substep
@@ -204,11 +205,14 @@ class SoftContacts(PlacedManifolds):
     def impact(self, motion, CRCoeff, distances):
         """Solves the blows of the step, and bounds the energy that it has added.
 
-        Points are struck that closed faster than one step of gravity. With the restitution e, the
-        impulses of the step become (1 - e) P + e E, and the velocities likewise: P are plastic, so
-        that struck bodies do not separate, and E elastic.
+        Points are struck that closed faster than gravity makes them in a step. With the restitution
+        e, the impulses of the step become (1 - e) P + e E, and the velocities likewise: P are
+        plastic, so that struck bodies do not separate, and E elastic.
         """
-        isStruck = (self.closing < -self.fallSpeed) & (self.total[:POINTS] > 0.0)
+        fall = np.abs(dot(self.normal[:, None], take(motion.gravity, self.ends, axis=1)))
+        fall = self.timeStep * fall.max(axis=0)
+        isStruck = self.closing < -np.maximum(fall, self.slow)
+        isStruck &= self.total[:POINTS] > 0.0
         if isStruck.any():
             before, total = motion.velocity.copy(), self.total
             if CRCoeff < 1.0:
@@ -218,18 +222,17 @@ class SoftContacts(PlacedManifolds):
                 elastic = self._elastic(motion, total, isStruck, CRCoeff)
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 self.total = self.total + CRCoeff * (elastic - self.total)
-            # a blow more across gravity than along it is no load, and would be repeated in the next
-            # step; along it, heavy bodies that fall would press light ones into the ground
-            gravity = np.add.reduce(take(motion.gravity, self.ends, axis=1), axis=1)
-            isAcross = 2.0 * dot(self.normal, gravity) ** 2 <= dot(gravity, gravity)
-            some = indices(isStruck.any(axis=0) & isAcross)
+            # a hard blow more across gravity than along it is no load, and would be repeated in the
+            # next step; along it, heavy bodies that fall would press light ones into the ground
+            isHard = (isStruck & (self.closing < -self.fallSpeed)).any(axis=0)
+            some = indices(isHard & (2.0 * fall**2 <= self.fallSpeed**2))
             begun = self._grown(self.carried * (self.h / self.timeStep))
             self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         some = indices((self.total[:POINTS] > 0.0).any(axis=0))
         smooth = self.normal * ~self.total[POINTS:].any(axis=0)
         given = take(self.ends, some, 1), take(smooth, some, 1), distances.columns
-        share = bounded_share(motion, *given, distances.infeasible())
+        share = bounded_share(motion, *given, *distances.strained())
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck):
@@ -245,8 +248,7 @@ class SoftContacts(PlacedManifolds):
         np.maximum.at(speed, self.ends.ravel(), change.ravel())
         mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
-        least = self.fallSpeed * self.h / self.timeStep
-        isHit = reached(speed > 0.0, speed, mass, touching, least)
+        isHit = reached(speed > 0.0, speed, mass, touching, self.slow)
         isPart = isHit[self.ends].any(axis=0) & isPressed.any(axis=0)
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
@@ -278,7 +280,7 @@ class SoftContacts(PlacedManifolds):
         sweeps = math.ceil(min(3.0 / max(1.0 - CRCoeff, TINY), MOST_SWEEPS))
         for _ in range(SWEEPS):
             speed = self.system.speeds(motion)[:POINTS]
-            isActive = bounces | (isTouching & (np.abs(speed) <= TOLERANCE * self.fallSpeed))
+            isActive = bounces | (isTouching & (np.abs(speed) <= self.slow))
             given = bounces.any(axis=0), np.where(bounces, closing, 0.0), isActive
             total = self._solved(motion, total, *given, sweeps)
             closing = self.system.speeds(motion)[:POINTS]

@@ -7,6 +7,7 @@ directions are updated every substep, because constant ones let a net gain energ
 import numpy as np
 
 from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
+from rbs.softstep.contacts import SLEEP_SECONDS
 from rbs.softstep.manifolds import TINY
 from rbs.softstep.rows import MOST_SWEEPS, TOLERANCE, inverted, spring
 from rbs.stepping.constraints import ConstraintRows, coloured_batches
@@ -48,6 +49,7 @@ class SoftConstraints:
         if np.array_equal(key, kept.constraint):
             self.impulse = ratio * kept.constraintImpulse
         (self.rate, self.softness), self.h = spring(FREQUENCY, DAMPING, h), h
+        self.fallRate = motion.fallRate
         self.passes = PASSES if ratio == 1.0 else MOST_SWEEPS
         self._arms = frames.bodies.arms(self.ends, vertices).reshape(3, -1)
         self.position, self.columns = frames.position, take(motion.column, self.ends)
@@ -92,17 +94,21 @@ class SoftConstraints:
         self.J = np.concatenate((d, rCrossD)).reshape(6, 2, count)
         self.MJ = np.concatenate((invMass * d, angular)).reshape(6, 2, count)
 
-    def infeasible(self):
-        """Columns of `Motion` (2, K) that constraints join which cannot be satisfied.
+    def strained(self):
+        """Columns of `Motion` (2, S), (2, K) that constraints join whose springs push faster than
+        bodies fall, and of these, such as cannot be satisfied.
 
-        Their spring pulls across the distance L by C ω²/L per mass. From 4/h² on, that is more than
-        explicit integration bears. Loads stretch feasible ones by less.
+        A spring pulls by C ω² per mass, and thus across the distance L by C ω²/L. If two that pull
+        against each other do so by 4/h² or more, explicit integration does not bear it. Loads
+        stretch feasible ones by less.
         """
         if not self.batches:
-            return self.columns[:, :0]
+            return self.columns[:, :0], self.columns[:, :0]
         error = np.maximum(self.length - self.upper, self.lower - self.length)
         lever = np.maximum(self.length, norm(self._arms).reshape(2, -1).max(axis=0))
-        return self.columns[:, (np.pi * FREQUENCY) ** 2 * error > lever]
+        fall = np.maximum(np.sqrt(self.fallRate * lever), lever / SLEEP_SECONDS)
+        bounds = fall / self.rate, 0.5 * lever / (np.pi * FREQUENCY) ** 2
+        return tuple(self.columns[:, error > bound] for bound in bounds)
 
     def sweep(self, motion, isSoft):
         """Passes over all constraints; the soft sweep starts with the impulses of the last substep,

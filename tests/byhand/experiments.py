@@ -380,12 +380,29 @@ def glide(engine, side, speed, seconds=5.0):
     return mesh.position[0, 0] / (seconds * speed)
 
 
+def against_a_wall(engine, count, e=0.0):
+    """Largest speed of cubes of a row that has hit a wall, of their speed before."""
+    meshes = [throw(box(k), (1, 0, 0)) for k in range(count)]
+    run(engine, [*meshes, box(count + 0.3, 1, 0, (1, 2, 2), isFixed=True)], 1.0, e=e, mu=0.0)
+    return max(abs(mesh.linVelocity[0, 0]) for mesh in meshes)
+
+
 def plastic_row(engine, count):
     """Least and greatest speed of cubes in a row that one of them hits, of their common speed."""
     meshes = [box(-0.5)] + [box(k + 1.0) for k in range(count - 1)]
     throw(meshes[0], (1, 0, 0))
     run(engine, meshes, 1.0, mu=0.0)
     speeds = [count * mesh.linVelocity[0, 0] for mesh in meshes]
+    return min(speeds), max(speeds)
+
+
+def plastic_block(engine, count):
+    """The same of the middle row of a square, which another cube hits at its middle."""
+    places = [(i + 1.0, 0.5, k - count // 2) for k in range(count) for i in range(count)]
+    meshes = [throw(box(-0.5), (1, 0, 0))] + [box(*place) for place in places]
+    run(engine, meshes, 1.0, mu=0.0)
+    row = [mesh for mesh in meshes if abs(mesh.position[0, 2]) < 0.5]
+    speeds = [len(row) * mesh.linVelocity[0, 0] for mesh in row]
     return min(speeds), max(speeds)
 
 
@@ -439,8 +456,8 @@ def chain(engine, count=20, ratio=1000.0):
     return 100 * (max(map(np.linalg.norm, ends)) / 0.3 - 1)
 
 
-def ropes(engine, *directions, side=0.2, rigid=False, seconds=4.0):
-    """Speed and spin of a cube in the end that ropes of 1 m tie to anchors 5 m away."""
+def ropes(engine, *directions, side=0.2, length=1.0, rigid=False, seconds=4.0):
+    """Speed and spin of a cube in the end that ropes tie to anchors 5 m away."""
     meshes, ties = [box(0, 20, sides=(side, side, side))], []
     for k, way in enumerate(np.array(directions, dtype=float), 1):
         place = np.array([0, 20, 0]) + 5 * way / np.linalg.norm(way)
@@ -449,7 +466,7 @@ def ropes(engine, *directions, side=0.2, rigid=False, seconds=4.0):
             int((mesh.origVertices @ (s * way + (0.01, 0.02, 0.03))).argmax())
             for mesh, s in ((meshes[0], 1), (meshes[k], -1))
         )
-        ties += [[0, own, k, anchor, 1.0, isUpper] for isUpper in (True, False)[: 1 + rigid]]
+        ties += [[0, own, k, anchor, length, isUpper] for isUpper in (True, False)[: 1 + rigid]]
     run(engine, meshes, seconds, constraints=ties, hasGround=False, sleeping=False)
     return np.linalg.norm(meshes[0].linVelocity), np.linalg.norm(meshes[0].angVelocity)
 
