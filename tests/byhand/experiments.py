@@ -387,22 +387,15 @@ def against_a_wall(engine, count, e=0.0):
     return max(abs(mesh.linVelocity[0, 0]) for mesh in meshes)
 
 
-def plastic_row(engine, count):
-    """Least and greatest speed of cubes in a row that one of them hits, of their common speed."""
-    meshes = [box(-0.5)] + [box(k + 1.0) for k in range(count - 1)]
-    throw(meshes[0], (1, 0, 0))
-    run(engine, meshes, 1.0, mu=0.0)
-    speeds = [count * mesh.linVelocity[0, 0] for mesh in meshes]
-    return min(speeds), max(speeds)
-
-
-def plastic_block(engine, count):
-    """The same of the middle row of a square, which another cube hits at its middle."""
-    places = [(i + 1.0, 0.5, k - count // 2) for k in range(count) for i in range(count)]
-    meshes = [throw(box(-0.5), (1, 0, 0))] + [box(*place) for place in places]
+def plastic_row(engine, count, width=1):
+    """Least and greatest speed of cubes in a row, the middle one of `width`, that one of them hits,
+    of their common speed.
+    """
+    places = [(i + 1.0, 0.5, k - width // 2) for k in range(width) for i in range(count - 1)]
+    meshes = [throw(box(-0.5), (1, 0, 0)), *(box(*place) for place in places)]
     run(engine, meshes, 1.0, mu=0.0)
     row = [mesh for mesh in meshes if abs(mesh.position[0, 2]) < 0.5]
-    speeds = [len(row) * mesh.linVelocity[0, 0] for mesh in row]
+    speeds = [count * mesh.linVelocity[0, 0] for mesh in row]
     return min(speeds), max(speeds)
 
 
