@@ -251,10 +251,9 @@ def contact_point(hull1, hull2, t, normal, tolerance):
 
 def hull_pair(hull1, hull2):
     """Returns the `HullSet` of two rotated hulls, which are its bodies 0 and 1."""
-    return _hull_set((hull1.hull, hull2.hull)).rotated(
-        np.array((hull1.rotation, hull2.rotation)).T,
-        np.concatenate((hull1.vertices, hull2.vertices), axis=1),
-    )
+    rotation = np.array((hull1.rotation, hull2.rotation)).T
+    vertices = np.concatenate((hull1.vertices, hull2.vertices), axis=1)
+    return _hull_set((hull1.hull, hull2.hull)).rotated(rotation, vertices)
 
 
 def separating_axis(vertices1, vertices2, t, gap):

@@ -43,6 +43,7 @@ from rbs.geometry.triples import (
     floats,
     inverse_symmetric,
     mat_vec,
+    matrix,
     mul_add,
     norm,
     number,
@@ -256,9 +257,8 @@ def visit(step, link):
         if points is None:  # at first, and after a correction
             positions = x1, x2 = m1.position, m2.position
             points = x1 + arm1, x2 + arm2
-        positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
-            positions, points, refValue, invMasses, upper, tolerance
-        )
+        given = positions, points, refValue, invMasses, upper, tolerance
+        positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(*given)
         if not positionWasValid:
             # the points stay on one line, so that arms and direction still hold
             linVelocities = m1.linVelocity, m2.linVelocity
@@ -450,9 +450,8 @@ class Mesh(MeshTools):
             return GJK.NO_COLLISION
         position1, position2 = vector(self.position), vector(m.position)
         t, cached = sub(position2, position1), self.cachedAxes.get(id(m), ())
-        isCollision, depth, normal, point = GJK.collide_rotated(
-            self.rotated_hull(), m.rotated_hull(), t, *cached
-        )
+        given = self.rotated_hull(), m.rotated_hull(), t, *cached
+        isCollision, depth, normal, point = GJK.collide_rotated(*given)
         self.cachedAxes[id(m)] = normal, isCollision
         if not isCollision:
             return GJK.NO_COLLISION
@@ -472,12 +471,12 @@ class Mesh(MeshTools):
         if self.isFixed:
             return np.zeros((3, 3))
         rotation = rotation_matrices(floats(self.orientation, 4))
-        return np.array(rotate_tensor(rotation, floats(self.invIT, 9))).reshape(3, 3)
+        return np.array(rotate_tensor(rotation, matrix(self.invIT))).reshape(3, 3)
 
     def body_state(self) -> Body:
         """Returns the present state as a `Body`, for the formulas of a contact."""
         state = self.position, self.linVelocity, self.angVelocity
-        tensor = floats(self.get_rotated_inv_IT(), 9)
+        tensor = matrix(self.get_rotated_inv_IT())
         return Body(self.invMass, tensor, *map(vector, state))
 
     def set_body_state(self, body: Body) -> None:
@@ -722,8 +721,8 @@ def resolve_velocity_constraint(
     wasValid = abs(Jv) <= number(tolerance)
     if wasValid or invMass1 + invMass2 == 0.0:
         return wasValid, currLinVelocities, currAngVelocities
-    k1, response1 = inverse_effective_mass(invMass1, floats(invInertiaTensors[0], 9), r1CrossN)
-    k2, response2 = inverse_effective_mass(invMass2, floats(invInertiaTensors[1], 9), r2CrossN)
+    k1, response1 = inverse_effective_mass(invMass1, matrix(invInertiaTensors[0]), r1CrossN)
+    k2, response2 = inverse_effective_mass(invMass2, matrix(invInertiaTensors[1]), r2CrossN)
     impulse = -Jv / (k1 + k2)
     return (
         False,

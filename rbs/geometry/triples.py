@@ -42,6 +42,15 @@ def vector(row):
     return x, y, z
 
 
+def matrix(rows):
+    """`floats` of nine, twice as fast for an array (3, 3)."""
+    try:
+        (a, b, c), (d, e, f), (g, h, i) = rows.tolist()
+    except (AttributeError, TypeError, ValueError):
+        return floats(rows, 9)
+    return a, b, c, d, e, f, g, h, i
+
+
 def row(vector):
     """Returns a vector of three floats as an array (1, 3)."""
     result = np.empty((1, 3))

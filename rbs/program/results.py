@@ -176,9 +176,8 @@ class Results:
     def _repr_html_(self) -> str:
         """Returns a summary, and a picture if one can be drawn without a window."""
         rows = state_summary(self) | {"settings": repr(self.settings)}
-        cells = "".join(
-            f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows.items()
-        )
+        row = "<tr><th>{}</th><td>{}</td></tr>".format
+        cells = "".join(row(name, html.escape(text)) for name, text in rows.items())
         title = f"<b>{html.escape(scene_name(self.scenePath))}</b>"
         if backend().name is not None and not backend().opensWindow and self.meshes:
             self.picture(size=SMALL_SIZE).save(content := io.BytesIO(), "PNG")

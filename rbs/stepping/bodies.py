@@ -161,9 +161,8 @@ class Bodies:
 
     def _store(self, columns, isTheirs):
         """Makes a new state: that of `columns` (13, n) for some bodies (n,)."""
-        self.state = np.column_stack(
-            (np.where(isTheirs, columns, self.state[:, :-1]), self.state[:, -1])
-        )
+        bodies = np.where(isTheirs, columns, self.state[:, :-1])
+        self.state = np.column_stack((bodies, self.state[:, -1]))
 
     def tumbling_velocities(self, timeStep):
         """`(mean, end)` (3, n) each, see `torque_free_velocities`."""
