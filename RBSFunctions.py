@@ -257,8 +257,9 @@ def visit(step, link):
         if points is None:  # at first, and after a correction
             positions = x1, x2 = m1.position, m2.position
             points = x1 + arm1, x2 + arm2
-        given = positions, points, refValue, invMasses, upper, tolerance
-        positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(*given)
+        positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
+            positions, points, refValue, invMasses, upper, tolerance
+        )
         if not positionWasValid:
             # the points stay on one line, so that arms and direction still hold
             linVelocities = m1.linVelocity, m2.linVelocity
@@ -446,7 +447,7 @@ class Mesh(MeshTools):
         mesh as hull 1: moving m by depth along intNormal (1, 3) separates the two, and intPosition
         (1, 3) is the point of m deepest inside this mesh. Two fixed meshes never collide.
         """
-        if not self.bounding_box_collision(m) or (self.isFixed and m.isFixed):
+        if (self.isFixed and m.isFixed) or not self.bounding_box_collision(m):
             return GJK.NO_COLLISION
         position1, position2 = vector(self.position), vector(m.position)
         t, cached = sub(position2, position1), self.cachedAxes.get(id(m), ())

@@ -91,10 +91,9 @@ class PrivateModules:
         return spec
 
     def _has(self, name):
-        folders = map(Path, self._folders)
-        return any(
-            (one / f"{name}.py").is_file() or any((one / name).glob("*.py")) for one in folders
-        )
+        folders = [Path(one) for one in self._folders]
+        isFile = any((one / f"{name}.py").is_file() for one in folders)
+        return isFile or any(any((one / name).glob("*.py")) for one in folders)
 
     def _import(self, name, variables=None, local=None, fromList=(), level=0):
         """What `__import__` is for these modules."""
