@@ -63,19 +63,8 @@ def bounded_share(motion, touching, normal, tied, strained, infeasible):
         momentum = vec_mat(mat_vec(inertia, v[3:]), turn)
         return np.concatenate((v[:3], mat_vec(inverse, momentum)))
 
-    # velocities of what islands rest on, or of their centres of mass
-    isStill = motion.invMass[links] == 0.0
-    some = indices(isStill[0] != isStill[1])
-    body, support = np.where(isStill[0, some], links[::-1, some], links[:, some])
-    held, support = island[body], motion.velocity[:, support]
-    frame, allMass = np.zeros((6, count)), np.maximum(total(mass), TINY)
-    frame[:3] = [total(mass * v) / allMass for v in motion.begin[:3, :-1]]
-    frame[:, held] = support
-    # torques work on an island, or its supports turn, or move differently
-    isWorked = total(motion.spinUp[:, :-1].any(axis=0)) > 0.0
-    isWorked[held[(support != frame[:, held]).any(axis=0) | support[3:].any(axis=0)]] = True
+    some, held, frame, isWorked = _supports(motion, links, mass, island, count)
     frame, rests = frame[:, island], np.bincount(held, minlength=count) > 0
-
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
     work = np.where(having(infeasible)[island], 0.0, mass * dot(motion.gravity[:, :-1], way))
@@ -102,21 +91,50 @@ def bounded_share(motion, touching, normal, tied, strained, infeasible):
     part = np.maximum((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0)
     share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
 
-    # the mean velocity of an island along all that it rests on stays; friction, and links that are
-    # no contacts, take momentum in any direction
-    asked, along = indices(isOver & rests), np.zeros((6, count))
+    asked, along, shrink = indices(isOver & rests), np.zeros((6, count)), np.ones(count)
     if len(asked):
-        axes, contacts = np.eye(3)[:, :, None].repeat(len(links[0]), axis=2), len(normal[0])
-        axes[..., :contacts] *= 1.0 - dot(normal, normal)
-        axes[..., :contacts] += normal[:, None] * normal
-        blocked = [np.bincount(held, axis, count)[asked] for axis in axes.reshape(9, -1)[:, some]]
-        values, vectors = np.linalg.eigh(np.transpose(blocked).reshape(-1, 3, 3))
-        vectors *= (values <= ROUNDING * values[:, 2:])[:, None]
-        mean = np.array([total(mass * v)[asked] for v in velocity[:3]]) / allMass[asked]
-        along[:3, asked] = np.einsum("iak,ibk,bi->ai", vectors, vectors, mean)
-    along, shrink = along[:, island], np.ones(count)
+        mean = np.array([total(mass * v)[asked] for v in velocity[:3]]) / total(mass)[asked]
+        along[:3, asked] = _along_supports(mean, links, normal, some, held, asked, count)
+    along = along[:, island]
     own = total(0.5 * mass * dot(along, along))[asked]
     shrink[asked] = np.maximum(limit[asked] - own, 0.0) / np.maximum(energy[asked] - own, TINY)
     velocity = free + share[:-1] * (velocity - free)
     motion.velocity[:, :-1] = frame + along + np.sqrt(shrink)[island] * (velocity - along)
     return share
+
+
+def _supports(motion, links, mass, island, count):
+    """`(some, held, frame (6, I), isWorked (I,))` of I islands, `count`.
+
+    some, held : (K,), links of which one end is still or moves by itself, and the islands of the
+        other ends, which rest on it
+    frame : velocities of what islands rest on, or of their centres of mass
+    isWorked : whether torques work on one, or its supports turn, or move differently
+    """
+    isStill = motion.invMass[links] == 0.0
+    some = indices(isStill[0] != isStill[1])
+    body, support = np.where(isStill[0, some], links[::-1, some], links[:, some])
+    held, support = island[body], motion.velocity[:, support]
+    frame, total = np.zeros((6, count)), np.maximum(np.bincount(island, mass, count), TINY)
+    frame[:3] = [np.bincount(island, mass * v, count) / total for v in motion.begin[:3, :-1]]
+    frame[:, held] = support
+    isWorked = np.bincount(island, motion.spinUp[:, :-1].any(axis=0), count) > 0.0
+    isWorked[held[(support != frame[:, held]).any(axis=0) | support[3:].any(axis=0)]] = True
+    return some, held, frame, isWorked
+
+
+def _along_supports(mean, links, normal, some, held, asked, count):
+    """Parts (3, K) of the mean velocities of the islands asked (K,) along all that they rest on.
+
+    They stay. Friction, and links that are no contacts, take momentum in any direction.
+
+    mean : (3, K); links, normal : the first C of the links are contacts, as for `bounded_share`
+    some, held : from `_supports`; count : of all islands
+    """
+    axes, contacts = np.eye(3)[:, :, None].repeat(len(links[0]), axis=2), len(normal[0])
+    axes[..., :contacts] *= 1.0 - dot(normal, normal)
+    axes[..., :contacts] += normal[:, None] * normal
+    blocked = [np.bincount(held, axis, count)[asked] for axis in axes.reshape(9, -1)[:, some]]
+    values, vectors = np.linalg.eigh(np.transpose(blocked).reshape(-1, 3, 3))
+    vectors *= (values <= ROUNDING * values[:, 2:])[:, None]
+    return np.einsum("iak,ibk,bi->ai", vectors, vectors, mean)
