@@ -238,8 +238,9 @@ class SoftContacts(PlacedManifolds):
     def _plastic(self, motion, isStruck):
         """Returns total impulses with which no point of a struck body separates that was pressed.
 
-        All manifolds of struck bodies take part: others are what they are pressed against. Points
-        that open without a blow keep what they have carried, as corners that a body rolls off.
+        All manifolds of struck bodies take part: others are what they are pressed against. Those
+        count as struck, too, that the blow makes faster than gravity does in a substep. Points that
+        open without a blow keep what they have carried, as corners that a body rolls off.
         """
         isPressed = self.total[:POINTS] > 0.0
         inverse, speed = take(motion.invMass, self.ends), np.zeros(len(motion.invMass))
@@ -248,7 +249,8 @@ class SoftContacts(PlacedManifolds):
         np.maximum.at(speed, self.ends.ravel(), change.ravel())
         mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
-        isHit = reached(speed > 0.0, speed, mass, touching, self.slow)
+        least = self.fallSpeed * self.h / self.timeStep
+        isHit = reached(speed > 0.0, speed, mass, touching, least)
         isPart = isHit[self.ends].any(axis=0) & isPressed.any(axis=0)
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
