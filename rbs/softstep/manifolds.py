@@ -258,26 +258,26 @@ def _four_points(row, u, v, separation, growth, size, margin):
     cylinder touches with the other end of its side, even if the next side ends farther away.
     isPoint is false where no such point is left.
     """
-    count = np.bincount(row)
-    grain = (ROUNDING * size).repeat(count)
-
-    def lowest(measure, grain):
-        """Returns the point (K,) of each row with the least measure, of several the first."""
-        return row_minima(np.round(measure / grain), count)[1]
-
-    first = lowest(separation, grain)
+    count, grain = np.bincount(row), take(ROUNDING * size, row)
     later = separation + growth
-    following = lowest(later, grain)
+    first, following = (row_minima(np.round(x / grain), count)[1] for x in (separation, later))
     height = separation - take(np.maximum(separation[first], 0.0), row)
     height = np.maximum(np.minimum(height, later - take(later[following], row)), 0.0)
     # others still come down by as much as the deepest point would go on, if it met nothing
     beyond = np.maximum(np.minimum(-later[first], -growth[first]), 0.0)
     weight = 1.0 - height / take(margin + beyond, row)
     merge = FEATURE_TOLERANCE * size
+    goesOn = later[first] - later[following] > merge
+
+    isNear = weight >= 0.0  # the others are not selected
+    near, place = indices(isNear), isNear.cumsum() - 1
+    first, following = place[first], place[following]
+    row, u, v, weight = (take(x, near) for x in (row, u, v, weight))
+    count, grain = np.bincount(row), take(ROUNDING * size * size, row)
 
     def farthest(measure):
         """Returns the point (K,) of each row with the largest measure, and that measure."""
-        point = lowest(np.where(weight < 0.0, np.inf, -weight * measure), grain * take(size, row))
+        point = row_minima(np.round(-weight * measure / grain), count)[1]
         return point, measure[point]
 
     def area(q):
@@ -286,7 +286,7 @@ def _four_points(row, u, v, separation, growth, size, margin):
 
     u, v = u - take(u[first], row), v - take(v[first], row)
     away = u * u + v * v
-    second = np.where(later[first] - later[following] > merge, following, farthest(away)[0])
+    second = np.where(goesOn, following, farthest(away)[0])
     length = np.sqrt(away[second])
     areas = area(second)
     third, size3 = farthest(np.abs(areas))
@@ -298,6 +298,8 @@ def _four_points(row, u, v, separation, growth, size, margin):
     isPoint = np.ones((POINTS, len(size)), dtype=bool)
     isPoint[1], isPoint[2] = length > merge, size3 > merge * length
     isPoint[3] = isPoint[2] & (size4 > merge * length)
-    chosen = np.array((first, second, third, fourth))
-    order = chosen.argsort(axis=0)  # so that they are visited in the same order in each step
-    return np.take_along_axis(chosen, order, axis=0), np.take_along_axis(isPoint, order, axis=0)
+    # ascending, so that they are visited in the same order in each step; of one that was selected
+    # twice, the point first
+    order = 2 * np.array((first, second, third, fourth)) + ~isPoint
+    order.sort(axis=0)
+    return take(near, order // 2), order % 2 == 0
