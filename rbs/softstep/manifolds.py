@@ -91,18 +91,19 @@ class Manifolds(SimpleNamespace):
         """
         known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
-        old, column = old.rows(known[mine]), np.arange(len(mine))
-        away = take(self.anchor1, mine, axis=2)[:, :, None] - old.anchor1[:, None]
+        old, column = old.rows(take(known, mine)), np.arange(len(mine))
+        isPoint, anchor = take(self.isPoint, mine, axis=1), take(self.anchor1, mine, axis=2)
+        # of squares; equal ones may not differ by rounding
         grain = ROUNDING * np.maximum(dot(old.translation, old.translation), TINY)
-        # squares, of new and old points; equal ones may not differ by rounding
-        isPair = self.isPoint[:, None, mine] & old.isPoint
-        distance = np.where(isPair, np.round(dot(away, away) / grain), np.inf)
+        impulse, isLeft = np.zeros(isPoint.shape), old.isPoint.copy()
         for k in range(POINTS):
-            nearest = distance[k].argmin(axis=0)
-            source = nearest * len(mine) + column
-            isLeft = take(distance[k], source) < np.inf
-            self.impulse[k, mine] = np.where(isLeft, take(old.impulse, source), 0.0)
-            distance[:, nearest[isLeft], column[isLeft]] = np.inf
+            away = anchor[:, k, None] - old.anchor1
+            distance = np.where(isLeft, np.round(dot(away, away) / grain), np.inf)
+            nearest = distance.argmin(axis=0) * len(mine) + column
+            inherits = isPoint[k] & take(isLeft, nearest)
+            impulse[k] = np.where(inherits, take(old.impulse, nearest), 0.0)
+            isLeft.reshape(-1)[nearest[inherits]] = False
+        self.impulse[:, mine] = impulse
         force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
         normal, tangent = take(self.normal, mine, axis=1), take(self.tangent, mine, axis=1)
         friction = dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2]

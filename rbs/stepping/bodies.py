@@ -73,6 +73,7 @@ class Bodies:
         np.empty(MOST_KEPT, dtype=np.uint8)  # freed at once, and never touched
         self.meshes, self.memory, self._near = tuple(meshes), None, None
         self._invITs = [None] * len(meshes)
+        self._lack = [vars(mesh).keys().isdisjoint for mesh in meshes]
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.concatenate([np.zeros((0, 3)), *(m.origVertices for m in meshes)])
@@ -95,7 +96,7 @@ class Bodies:
 
     def _present(self):
         """`(state (13, n + 1), meshes)`: the state, and those that have rows of their own."""
-        own = [k for k, mesh in enumerate(self.meshes) if not vars(mesh).keys().isdisjoint(ROWS)]
+        own = [k for k, lacks in enumerate(self._lack) if not lacks(ROWS)]
         state = self._state.copy() if own else self._state
         for name, rows in ROWS.items() if own else ():
             state[rows, own] = columns_of(self.meshes, name, own)
