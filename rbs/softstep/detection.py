@@ -9,21 +9,24 @@ from rbs.geometry.broadphase import islands, overlapping
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import tangents
 from rbs.geometry.vectors import (
+    cross,
     dot,
     find_sorted,
     indices,
     known_columns,
     mat_vec,
+    mul_add,
     norm,
+    ranges,
     take,
     vec_mat,
 )
 from rbs.softstep.manifolds import (
     Manifolds,
     contact_normals,
-    ground_corners,
+    four_points,
     pair_corners,
-    place_points,
+    separation_growths,
 )
 from rbs.softstep.placed import GROUND_AXES
 from rbs.softstep.supports import FLUSH, deferring
@@ -156,21 +159,21 @@ def detect(step, frames, kept, isDisturbed, tied):
         others = indices(find_sorted(key, linked) < 0)
         first, second, key = first[others], second[others], key[others]
     axis = known_columns(key, kept.pairKey, kept.pairAxis)
-    old, valid = kept.manifolds, _valid_manifolds(kept.manifolds, frames, key, isStill)
-    asked = indices(find_sorted(key, old.key[valid]) < 0)
-    ground = _ground_contacts(frames, old.key[valid])
+    valid = _valid_manifolds(kept.manifolds, frames, key, isStill)
+    asked = indices(find_sorted(key, valid.key) < 0)
+    ground = _ground_contacts(frames, valid)
     kept.pairKey, kept.pairAxis = key, axis
     if len(asked) + len(ground.first) == 0:
-        return old.rows(valid)
-    facing, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
-    pairs = _pair_contacts(frames, facing, old.key[valid], take(old.normal, valid, 1), ground)
-    new = _new_manifolds(frames, pairs, ground)
-    new.inherit(old)
-    return old.joined(valid, new)
+        return valid
+    pairs, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
+    contacts = _pair_contacts(frames, pairs, valid, ground)
+    new = _new_manifolds(frames, contacts, ground)
+    new.inherit(kept.manifolds)
+    return valid.joined(new)
 
 
 def _valid_manifolds(manifolds, frames, nearKey, isStill):
-    """Rows of the manifolds of pairs that are still near and in nearly the same relative pose.
+    """Returns the manifolds of pairs that are still near and in nearly the same relative pose.
 
     Those on the ground, which cost little, are built anew: between its old points, a cylinder that
     wobbles on its edge would sink in, and gain energy as it is pushed out.
@@ -191,13 +194,14 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     size, radius = frames.sizes(first, second)
     change = norm(translation - take(manifolds.translation, moved, axis=1)) + angle * radius
     isValid[moved] = change <= KEEP * size
-    return indices(isValid)
+    return manifolds.rows(indices(isValid))
 
 
 def _facing_pairs(frames, first, second, axis):
-    """`((pairs, normal), axis (3, K))` of those of K pairs that may touch in the step.
+    """`(pairs, axis (3, K))`: those of K pairs that may touch in the step, along the normals of
+    `contact_normals`, and the axes of least penetration of all.
 
-    axis : their axes of least penetration, or 0; normal : see `contact_normals`
+    axis : their axes in the last step, or 0
     A pair with a separating axis, now and after the flight, has no contact.
     """
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
@@ -212,23 +216,21 @@ def _facing_pairs(frames, first, second, axis):
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
     slop = frames.slop(pairs.first, pairs.second)
     penetration, normal = contact_normals(pairs, separation, approach, slop)
-    axis[:, near] = normal
-    met = indices(penetration >= -separation)
-    return (pairs.of(met), take(normal, met, axis=1)), axis
+    pairs.axis = axis[:, near] = normal
+    return pairs.of(indices(penetration >= -separation)), axis
 
 
-def _pair_contacts(frames, facing, key, known, ground):
+def _pair_contacts(frames, pairs, valid, ground):
     """`Contacts` of K facing pairs; those that defer to a support take over its normal.
 
-    facing : from `_facing_pairs`; key, known : (M,), (3, M), of the `Manifolds` that are kept, and
-        their normals; ground : `Contacts`
+    pairs : from `_facing_pairs`; valid : `Manifolds` that are kept; ground : `Contacts`
 
     A pair whose faces, seen along the normal, do not overlap touches nowhere.
     """
-    (pairs, normal), ofKnown = facing, np.array(np.divmod(key, frames.count + 1))
-    asked = slice(len(key), len(key) + len(pairs.first))
-    known = mat_vec(take(frames.rotation, ofKnown[0], axis=1), known)
-    ends = ofKnown, (pairs.first, pairs.second), (ground.first, ground.second)
+    ofValid, normal = valid.bodies(frames.count), pairs.axis
+    asked = slice(len(valid.key), len(valid.key) + len(pairs.first))
+    known = mat_vec(take(frames.rotation, ofValid[0], axis=1), valid.normal)
+    ends = ofValid, (pairs.first, pairs.second), (ground.first, ground.second)
     ends = np.concatenate(ends, axis=1)
     normals = np.concatenate((known, normal, ground.normal), axis=1)
     normal, isContact = deferring(frames, ends, normals, asked)
@@ -242,15 +244,19 @@ def _pair_contacts(frames, facing, key, known, ground):
     return Contacts(pairs.first, pairs.second, normal, tangent, row, corners)
 
 
-def _ground_contacts(frames, known):
-    """`Contacts` with the ground; known : (M,), keys of the valid manifolds."""
+def _ground_contacts(frames, valid):
+    """`Contacts` with the ground of bodies that have none in the valid `Manifolds`."""
     isNear = frames.hasGround & (frames.box[1] <= 0.0) & ~frames.bodies.isFixed
-    first, second = np.divmod(known, frames.count + 1)
+    first, second = valid.bodies(frames.count)
     isNear[first[second == frames.count]] = False
     body = indices(isNear)
     ground = np.full(len(body), frames.count)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
-    return Contacts(body, ground, *axes, *ground_corners(frames, body))
+    hulls = frames.hulls
+    row, column = ranges(take(hulls.vertexStart, body), take(hulls.vertexCount, body))
+    x, y, z = take(hulls.vertices, column, axis=1)
+    height = y + take(frames.position[1, body], row)
+    return Contacts(body, ground, *axes, row, np.array((x, z, -height, np.zeros_like(x))))
 
 
 def _new_manifolds(frames, pairs, ground):
@@ -258,11 +264,19 @@ def _new_manifolds(frames, pairs, ground):
     columns = (np.concatenate(column, axis=-1) for column in zip(pairs, ground, strict=True))
     first, second, normal, tangent, row, corners = columns
     row[len(pairs.row) :] += len(pairs.first)
+    order = row.argsort(kind="stable")
+    row, corners = take(row, order), take(corners, order, axis=1)
+    u, v, height1, height2 = corners
     t, size = frames.translations(first, second), frames.sizes(first, second)[0]
     displacements = take(frames.displacement, np.array((first, second)), axis=1)
+    growth = separation_growths(normal, tangent, t, displacements, row, u, v)
     margin = KEEP * size + take(frames.tiedReach, first) + take(frames.tiedReach, second)
-    given = normal, tangent, t, displacements, row, corners, size, margin
-    point1, point2, isPoint = place_points(*given)
+    chosen, isPoint = four_points(row, u, v, height2 - height1, growth, size, margin)
+    # a point and its partner lie on one line along the normal
+    u, v, height1, height2 = corners[:, chosen]  # (4, K) each
+    flat = tangent[:, None] * u + cross(normal, tangent)[:, None] * v
+    point1 = mul_add(flat, height1, normal[:, None]) + t[:, None]
+    point2 = mul_add(flat, height2, normal[:, None])
     rotation1, rotation2 = (take(frames.rotation, bodies, axis=1) for bodies in (first, second))
     return Manifolds(
         key=first * (frames.count + 1) + second,
