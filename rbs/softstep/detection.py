@@ -61,9 +61,10 @@ class Frames:
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
     velocity : (6, n + 1); the ground stays where it is even if it has one, as a conveyor belt
-    shift, turn : (3, n), displacements and rotation vectors of the step's free flight
-    displacement : (6, n + 1), likewise without gravity, forces and torques; glide : (3, n + 1), its
-        shift
+    shift : (3, n), displacements in the step's free flight; spinReach : (n,), by how much points of
+        each body move as it turns
+    displacement : (6, n + 1), and rotation vectors, without gravity, forces and torques; glide :
+        (3, n + 1), without the latter
 
     From `near_pairs` on:
 
@@ -90,8 +91,8 @@ class Frames:
         isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
         held = self.glide[:, -1:] if hasGround else self.shift[:, isHeld]
         self.shift -= held.mean(axis=1, keepdims=True)
-        self.turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
-        self.spinReach = norm(self.turn) * self.hulls.radius
+        turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
+        self.spinReach = norm(turn) * self.hulls.radius
 
     def near_pairs(self, isStill, tied):
         """Returns the pairs (2, P) that may meet in the flight, and sets `reach` and `box`.

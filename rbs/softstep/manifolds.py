@@ -14,15 +14,7 @@ from rbs.geometry.facets import find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners
 from rbs.geometry.lowest import support_features
 from rbs.geometry.patches import Polygons, overlap_corners
-from rbs.geometry.vectors import (
-    cross,
-    dot,
-    find_sorted,
-    indices,
-    ranges,
-    row_minima,
-    take,
-)
+from rbs.geometry.vectors import cross, dot, find_sorted, indices, ranges, row_minima, take
 
 POINTS = 4
 # Ratio of the masses of two bodies in contact from which their island is solved until it converges.
