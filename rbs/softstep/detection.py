@@ -56,6 +56,14 @@ class Contacts(NamedTuple):
     corners: np.ndarray  # (4, Q), see `pair_corners`
 
 
+NO_CONTACTS = Contacts(
+    *np.zeros((2, 0), dtype=np.intp),
+    *np.zeros((2, 3, 0)),
+    row=np.zeros(0, dtype=np.intp),
+    corners=np.zeros((4, 0)),
+)
+
+
 class Frames:
     """Poses of n bodies and of the ground, at the origin, in n + 1 columns, and their free flight.
 
@@ -213,6 +221,8 @@ def _facing_pairs(frames, first, second, axis):
     advance -= np.minimum(dot(take(frames.shift, second, axis=1), axis), 0.0)
     near = indices(pairs.penetration >= -(advance + MARGIN * size))
     pairs, size = pairs.of(near), size[near]
+    if len(near) == 0:
+        return pairs, axis
     separation = frames.reach[pairs.first] + frames.reach[pairs.second] + MARGIN * size
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
     slop = frames.slop(pairs.first, pairs.second)
@@ -228,6 +238,8 @@ def _pair_contacts(frames, pairs, valid, ground):
 
     A pair whose faces, seen along the normal, do not overlap touches nowhere.
     """
+    if len(pairs.first) == 0:
+        return NO_CONTACTS
     ofValid, normal = valid.bodies(frames.count), pairs.axis
     asked = slice(len(valid.key), len(valid.key) + len(pairs.first))
     known = mat_vec(take(frames.rotation, ofValid[0], axis=1), valid.normal)
