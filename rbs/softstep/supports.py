@@ -63,7 +63,9 @@ def deferring(frames, ends, normal, asked):
     slant = np.sqrt(2.0 * FLUSH)  # the angle
     # the extent of j, at least, seen along m and a normal that leans
     extent = (1.0 - slant) * take(frames.thickness, j) - slant * take(frames.radius, j)
-    some = indices(height <= slack - extent)
+    some, isContact = indices(height <= slack - extent), np.ones(count, dtype=bool)
+    if len(some) == 0:
+        return normal, isContact
     row, contact, j, height, slack = (take(x, some) for x in (row, contact, j, height, slack))
     m = take(m, some, axis=1)
     # seen along a normal that leans as much, so that a slab that tilts does not rise
@@ -84,8 +86,7 @@ def deferring(frames, ends, normal, asked):
     isBest = np.diff(row[order], prepend=-1) > 0
     best = order[isBest]
     isCrossed = dot(take(m, order, axis=1), take(m, best[isBest.cumsum() - 1], axis=1)) < slant
-    isContact, normal = np.ones(count, dtype=bool), normal.copy()
     isContact[row[order[isCrossed]]] = False
-    best = best[isOther[best]]
+    best, normal = best[isOther[best]], normal.copy()
     normal[:, row[best]] = take(m, best, axis=1)
     return normal, isContact
