@@ -13,6 +13,7 @@ from rbs.geometry.vectors import (
     dot,
     find_sorted,
     indices,
+    joined,
     known_columns,
     mat_vec,
     mul_add,
@@ -46,7 +47,7 @@ MARGIN = 0.01
 
 
 class Contacts(NamedTuple):
-    """Contacts of K pairs, or of K bodies with the ground, before their points are selected."""
+    """K contacts of bodies with the ground, and of pairs, before their points are selected."""
 
     first: np.ndarray  # (K,), bodies
     second: np.ndarray
@@ -54,14 +55,6 @@ class Contacts(NamedTuple):
     tangent: np.ndarray
     row: np.ndarray  # (Q,), contact of each corner
     corners: np.ndarray  # (4, Q), see `pair_corners`
-
-
-NO_CONTACTS = Contacts(
-    *np.zeros((2, 0), dtype=np.intp),
-    *np.zeros((2, 3, 0)),
-    row=np.zeros(0, dtype=np.intp),
-    corners=np.zeros((4, 0)),
-)
 
 
 class Frames:
@@ -175,8 +168,8 @@ def detect(step, frames, kept, isDisturbed, tied):
     if len(asked) + len(ground.first) == 0:
         return valid
     pairs, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
-    contacts = _pair_contacts(frames, pairs, valid, ground)
-    new = _new_manifolds(frames, contacts, ground)
+    contacts = _with_pairs(frames, pairs, valid, ground) if len(pairs.first) else ground
+    new = _new_manifolds(frames, contacts)
     new.inherit(kept.manifolds)
     return valid.joined(new)
 
@@ -231,15 +224,12 @@ def _facing_pairs(frames, first, second, axis):
     return pairs.of(indices(penetration >= -separation)), axis
 
 
-def _pair_contacts(frames, pairs, valid, ground):
-    """`Contacts` of K facing pairs; those that defer to a support take over its normal.
-
-    pairs : from `_facing_pairs`; valid : `Manifolds` that are kept; ground : `Contacts`
+def _with_pairs(frames, pairs, valid, ground):
+    """Returns the `Contacts` with the ground and those of pairs, see `_facing_pairs`; pairs that
+    defer to a support, among these and the valid `Manifolds`, take over its normal.
 
     A pair whose faces, seen along the normal, do not overlap touches nowhere.
     """
-    if len(pairs.first) == 0:
-        return NO_CONTACTS
     ofValid, normal = valid.bodies(frames.count), pairs.axis
     asked = slice(len(valid.key), len(valid.key) + len(pairs.first))
     known = mat_vec(take(frames.rotation, ofValid[0], axis=1), valid.normal)
@@ -251,10 +241,9 @@ def _pair_contacts(frames, pairs, valid, ground):
     row, corners = pair_corners(pairs, normal, tangent)
     kept = indices(isContact[row])
     isMet = np.bincount(row[kept], minlength=len(pairs.first)) > 0
-    met, row = indices(isMet), take(isMet.cumsum() - 1, row[kept])
-    pairs, corners = pairs.of(met), take(corners, kept, axis=1)
-    normal, tangent = take(normal, met, axis=1), take(tangent, met, axis=1)
-    return Contacts(pairs.first, pairs.second, normal, tangent, row, corners)
+    met, row = indices(isMet), take(isMet.cumsum() - 1, row[kept]) + len(ground.first)
+    found = [take(x, met, axis=-1) for x in (pairs.first, pairs.second, normal, tangent)]
+    return Contacts(*joined(ground, (*found, row, take(corners, kept, axis=1))))
 
 
 def _ground_contacts(frames, valid):
@@ -272,11 +261,9 @@ def _ground_contacts(frames, valid):
     return Contacts(body, ground, *axes, row, np.array((x, z, -height, np.zeros_like(x))))
 
 
-def _new_manifolds(frames, pairs, ground):
-    """Builds the `Manifolds` of two `Contacts`; not sorted, and without impulses."""
-    columns = (np.concatenate(column, axis=-1) for column in zip(pairs, ground, strict=True))
-    first, second, normal, tangent, row, corners = columns
-    row[len(pairs.row) :] += len(pairs.first)
+def _new_manifolds(frames, contacts):
+    """Builds the `Manifolds` of `Contacts`; not sorted, and without impulses."""
+    first, second, normal, tangent, row, corners = contacts
     order = row.argsort(kind="stable")
     row, corners = take(row, order), take(corners, order, axis=1)
     u, v, height1, height2 = corners
