@@ -44,6 +44,10 @@ KEEP = 0.03
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
 # time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
 MARGIN = 0.01
+# Near pairs are looked up for so many steps at the present velocities, and for ways of so much of a
+# radius besides. With more, more pairs are compared in each step; with less, they are looked up
+# more often.
+AHEAD, ASIDE = 8.0, 0.2
 
 
 class Contacts(NamedTuple):
@@ -102,8 +106,9 @@ class Frames:
 
         Islands of such bodies that can meet nothing that is fixed move relative to their mean.
         """
-        self._place_boxes(tied)
-        near = self.bodies.near_pairs(self.box, isStill)
+        margin, ways = self._place_boxes(tied), np.concatenate((self.glide, -self.glide))[:, :-1]
+        growth = AHEAD * (margin - np.minimum(ways, 0.0)) + ASIDE * self.hulls.radius
+        near = self.bodies.near_pairs(self.box, isStill, growth)
         isHeld = self.bodies.isFixed | (self.hasGround & (self.box[1] <= 0.0))
         island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
         isFree = (np.bincount(island, isHeld) == 0.0)[island]
@@ -115,7 +120,7 @@ class Frames:
         return near
 
     def _place_boxes(self, tied):
-        """Sets `reach` and `box` for the present `shift`."""
+        """Sets `reach` and `box` for the present `shift`; returns the margin (n,)."""
         own = np.append(norm(self.shift) + self.spinReach, 0.0)
         self.tiedReach = np.zeros(self.count + 1)
         # constraints may make a body as fast as the one it is tied to
@@ -124,6 +129,7 @@ class Frames:
         margin = self.spinReach + MARGIN * self.hulls.thickness + self.tiedReach[:-1]
         flight = np.concatenate((self.shift, -self.shift))
         self.box = self.bodies.box + np.minimum(flight, 0.0) - margin
+        return margin
 
     def sizes(self, first, second):
         """Returns the lesser thickness and the lesser radius of the two hulls, (2, P)."""
