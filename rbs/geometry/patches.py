@@ -124,7 +124,9 @@ def overlap_corners(polygons, slack):
     row = np.concatenate((p.row[corners] % half, rowA[i]))
     uv = np.concatenate((take(p.uv, corners, axis=1), crossing), axis=1)
     # excludes points beyond the ends of a segment or of coincident sides
-    box = np.minimum.reduceat(np.concatenate((p.uv, -p.uv)), p.start, axis=1)
+    box = np.full((4, 2 * half), np.inf)
+    for low, x in zip(box, (*p.uv, *-p.uv), strict=True):
+        np.minimum.at(low, p.row, x)
     box = box.reshape(4, 2, -1).max(axis=1) - slack
     isWithin = np.concatenate((uv, -uv)) >= take(box, row, axis=1)
     kept = indices(isWithin.all(axis=0))

@@ -85,10 +85,11 @@ def row_minima(values, count):
 
     values : (K,), one row after the other; count : (R,), numbers of values of the rows, > 0
     """
-    start = count.cumsum() - count
-    least = np.minimum.reduceat(values, start)
-    equal = indices(values == least.repeat(count))
-    return least, take(equal, equal.searchsorted(start))
+    row, least = np.arange(len(count)).repeat(count), np.full(len(count), np.inf)
+    np.minimum.at(least, row, values)  # faster than `reduceat` for a few values per row
+    equal, index = indices(values == take(least, row))[::-1], np.zeros(len(count), dtype=np.intp)
+    index[take(row, equal)] = equal  # the last one counts, which is the first
+    return least, index
 
 
 def find_sorted(keys, known):

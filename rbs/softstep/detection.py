@@ -9,21 +9,25 @@ from rbs.geometry.broadphase import islands, overlapping
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import tangents
 from rbs.geometry.vectors import (
+    cross,
     dot,
     find_sorted,
     indices,
+    joined,
     known_columns,
     mat_vec,
+    mul_add,
     norm,
+    ranges,
     take,
     vec_mat,
 )
 from rbs.softstep.manifolds import (
     Manifolds,
     contact_normals,
-    ground_corners,
+    four_points,
     pair_corners,
-    place_points,
+    separation_growths,
 )
 from rbs.softstep.placed import GROUND_AXES
 from rbs.softstep.supports import FLUSH, deferring
@@ -40,10 +44,14 @@ KEEP = 0.03
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
 # time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
 MARGIN = 0.01
+# Near pairs are looked up for so many steps at the present velocities, and for ways of so much of a
+# radius besides. With more, more pairs are compared in each step; with less, they are looked up
+# more often.
+AHEAD, ASIDE = 8.0, 0.2
 
 
 class Contacts(NamedTuple):
-    """Contacts of K pairs, or of K bodies with the ground, before their points are selected."""
+    """K contacts of bodies with the ground, and of pairs, before their points are selected."""
 
     first: np.ndarray  # (K,), bodies
     second: np.ndarray
@@ -58,9 +66,10 @@ class Frames:
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
     velocity : (6, n + 1); the ground stays where it is even if it has one, as a conveyor belt
-    shift, turn : (3, n), displacements and rotation vectors of the step's free flight
-    displacement : (6, n + 1), likewise without gravity, forces and torques; glide : (3, n + 1), its
-        shift
+    shift : (3, n), displacements in the step's free flight; spinReach : (n,), by how much points of
+        each body move as it turns
+    displacement : (6, n + 1), and rotation vectors, without gravity, forces and torques; glide :
+        (3, n + 1), without the latter
 
     From `near_pairs` on:
 
@@ -87,8 +96,8 @@ class Frames:
         isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
         held = self.glide[:, -1:] if hasGround else self.shift[:, isHeld]
         self.shift -= held.mean(axis=1, keepdims=True)
-        self.turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
-        self.spinReach = norm(self.turn) * self.hulls.radius
+        turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
+        self.spinReach = norm(turn) * self.hulls.radius
 
     def near_pairs(self, isStill, tied):
         """Returns the pairs (2, P) that may meet in the flight, and sets `reach` and `box`.
@@ -97,8 +106,9 @@ class Frames:
 
         Islands of such bodies that can meet nothing that is fixed move relative to their mean.
         """
-        self._place_boxes(tied)
-        near = self.bodies.near_pairs(self.box, isStill)
+        margin, ways = self._place_boxes(tied), np.concatenate((self.glide, -self.glide))[:, :-1]
+        growth = AHEAD * (margin - np.minimum(ways, 0.0)) + ASIDE * self.hulls.radius
+        near = self.bodies.near_pairs(self.box, isStill, growth)
         isHeld = self.bodies.isFixed | (self.hasGround & (self.box[1] <= 0.0))
         island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
         isFree = (np.bincount(island, isHeld) == 0.0)[island]
@@ -110,7 +120,7 @@ class Frames:
         return near
 
     def _place_boxes(self, tied):
-        """Sets `reach` and `box` for the present `shift`."""
+        """Sets `reach` and `box` for the present `shift`; returns the margin (n,)."""
         own = np.append(norm(self.shift) + self.spinReach, 0.0)
         self.tiedReach = np.zeros(self.count + 1)
         # constraints may make a body as fast as the one it is tied to
@@ -119,6 +129,7 @@ class Frames:
         margin = self.spinReach + MARGIN * self.hulls.thickness + self.tiedReach[:-1]
         flight = np.concatenate((self.shift, -self.shift))
         self.box = self.bodies.box + np.minimum(flight, 0.0) - margin
+        return margin
 
     def sizes(self, first, second):
         """Returns the lesser thickness and the lesser radius of the two hulls, (2, P)."""
@@ -156,21 +167,21 @@ def detect(step, frames, kept, isDisturbed, tied):
         others = indices(find_sorted(key, linked) < 0)
         first, second, key = first[others], second[others], key[others]
     axis = known_columns(key, kept.pairKey, kept.pairAxis)
-    old, valid = kept.manifolds, _valid_manifolds(kept.manifolds, frames, key, isStill)
-    asked = indices(find_sorted(key, old.key[valid]) < 0)
-    ground = _ground_contacts(frames, old.key[valid])
+    valid = _valid_manifolds(kept.manifolds, frames, key, isStill)
+    asked = indices(find_sorted(key, valid.key) < 0)
+    ground = _ground_contacts(frames, valid)
     kept.pairKey, kept.pairAxis = key, axis
     if len(asked) + len(ground.first) == 0:
-        return old.rows(valid)
-    facing, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
-    pairs = _pair_contacts(frames, facing, old.key[valid], take(old.normal, valid, 1), ground)
-    new = _new_manifolds(frames, pairs, ground)
-    new.inherit(old)
-    return old.joined(valid, new)
+        return valid
+    pairs, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
+    contacts = _with_pairs(frames, pairs, valid, ground) if len(pairs.first) else ground
+    new = _new_manifolds(frames, contacts)
+    new.inherit(kept.manifolds)
+    return valid.joined(new)
 
 
 def _valid_manifolds(manifolds, frames, nearKey, isStill):
-    """Rows of the manifolds of pairs that are still near and in nearly the same relative pose.
+    """Returns the manifolds of pairs that are still near and in nearly the same relative pose.
 
     Those on the ground, which cost little, are built anew: between its old points, a cylinder that
     wobbles on its edge would sink in, and gain energy as it is pushed out.
@@ -191,13 +202,14 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     size, radius = frames.sizes(first, second)
     change = norm(translation - take(manifolds.translation, moved, axis=1)) + angle * radius
     isValid[moved] = change <= KEEP * size
-    return indices(isValid)
+    return manifolds.rows(indices(isValid))
 
 
 def _facing_pairs(frames, first, second, axis):
-    """`((pairs, normal), axis (3, K))` of those of K pairs that may touch in the step.
+    """`(pairs, axis (3, K))`: those of K pairs that may touch in the step, along the normals of
+    `contact_normals`, and the axes of least penetration of all.
 
-    axis : their axes of least penetration, or 0; normal : see `contact_normals`
+    axis : their axes in the last step, or 0
     A pair with a separating axis, now and after the flight, has no contact.
     """
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
@@ -208,27 +220,26 @@ def _facing_pairs(frames, first, second, axis):
     advance -= np.minimum(dot(take(frames.shift, second, axis=1), axis), 0.0)
     near = indices(pairs.penetration >= -(advance + MARGIN * size))
     pairs, size = pairs.of(near), size[near]
+    if len(near) == 0:
+        return pairs, axis
     separation = frames.reach[pairs.first] + frames.reach[pairs.second] + MARGIN * size
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
     slop = frames.slop(pairs.first, pairs.second)
     penetration, normal = contact_normals(pairs, separation, approach, slop)
-    axis[:, near] = normal
-    met = indices(penetration >= -separation)
-    return (pairs.of(met), take(normal, met, axis=1)), axis
+    pairs.axis = axis[:, near] = normal
+    return pairs.of(indices(penetration >= -separation)), axis
 
 
-def _pair_contacts(frames, facing, key, known, ground):
-    """`Contacts` of K facing pairs; those that defer to a support take over its normal.
-
-    facing : from `_facing_pairs`; key, known : (M,), (3, M), of the `Manifolds` that are kept, and
-        their normals; ground : `Contacts`
+def _with_pairs(frames, pairs, valid, ground):
+    """Returns the `Contacts` with the ground and those of pairs, see `_facing_pairs`; pairs that
+    defer to a support, among these and the valid `Manifolds`, take over its normal.
 
     A pair whose faces, seen along the normal, do not overlap touches nowhere.
     """
-    (pairs, normal), ofKnown = facing, np.array(np.divmod(key, frames.count + 1))
-    asked = slice(len(key), len(key) + len(pairs.first))
-    known = mat_vec(take(frames.rotation, ofKnown[0], axis=1), known)
-    ends = ofKnown, (pairs.first, pairs.second), (ground.first, ground.second)
+    ofValid, normal = valid.bodies(frames.count), pairs.axis
+    asked = slice(len(valid.key), len(valid.key) + len(pairs.first))
+    known = mat_vec(take(frames.rotation, ofValid[0], axis=1), valid.normal)
+    ends = ofValid, (pairs.first, pairs.second), (ground.first, ground.second)
     ends = np.concatenate(ends, axis=1)
     normals = np.concatenate((known, normal, ground.normal), axis=1)
     normal, isContact = deferring(frames, ends, normals, asked)
@@ -236,33 +247,42 @@ def _pair_contacts(frames, facing, key, known, ground):
     row, corners = pair_corners(pairs, normal, tangent)
     kept = indices(isContact[row])
     isMet = np.bincount(row[kept], minlength=len(pairs.first)) > 0
-    met, row = indices(isMet), take(isMet.cumsum() - 1, row[kept])
-    pairs, corners = pairs.of(met), take(corners, kept, axis=1)
-    normal, tangent = take(normal, met, axis=1), take(tangent, met, axis=1)
-    return Contacts(pairs.first, pairs.second, normal, tangent, row, corners)
+    met, row = indices(isMet), take(isMet.cumsum() - 1, row[kept]) + len(ground.first)
+    found = [take(x, met, axis=-1) for x in (pairs.first, pairs.second, normal, tangent)]
+    return Contacts(*joined(ground, (*found, row, take(corners, kept, axis=1))))
 
 
-def _ground_contacts(frames, known):
-    """`Contacts` with the ground; known : (M,), keys of the valid manifolds."""
+def _ground_contacts(frames, valid):
+    """`Contacts` with the ground of bodies that have none in the valid `Manifolds`."""
     isNear = frames.hasGround & (frames.box[1] <= 0.0) & ~frames.bodies.isFixed
-    first, second = np.divmod(known, frames.count + 1)
+    first, second = valid.bodies(frames.count)
     isNear[first[second == frames.count]] = False
     body = indices(isNear)
     ground = np.full(len(body), frames.count)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
-    return Contacts(body, ground, *axes, *ground_corners(frames, body))
+    hulls = frames.hulls
+    row, column = ranges(take(hulls.vertexStart, body), take(hulls.vertexCount, body))
+    x, y, z = take(hulls.vertices, column, axis=1)
+    height = y + take(frames.position[1, body], row)
+    return Contacts(body, ground, *axes, row, np.array((x, z, -height, np.zeros_like(x))))
 
 
-def _new_manifolds(frames, pairs, ground):
-    """Builds the `Manifolds` of two `Contacts`; not sorted, and without impulses."""
-    columns = (np.concatenate(column, axis=-1) for column in zip(pairs, ground, strict=True))
-    first, second, normal, tangent, row, corners = columns
-    row[len(pairs.row) :] += len(pairs.first)
+def _new_manifolds(frames, contacts):
+    """Builds the `Manifolds` of `Contacts`; not sorted, and without impulses."""
+    first, second, normal, tangent, row, corners = contacts
+    order = row.argsort(kind="stable")
+    row, corners = take(row, order), take(corners, order, axis=1)
+    u, v, height1, height2 = corners
     t, size = frames.translations(first, second), frames.sizes(first, second)[0]
     displacements = take(frames.displacement, np.array((first, second)), axis=1)
+    growth = separation_growths(normal, tangent, t, displacements, row, u, v)
     margin = KEEP * size + take(frames.tiedReach, first) + take(frames.tiedReach, second)
-    given = normal, tangent, t, displacements, row, corners, size, margin
-    point1, point2, isPoint = place_points(*given)
+    chosen, isPoint = four_points(row, u, v, height2 - height1, growth, size, margin)
+    # a point and its partner lie on one line along the normal
+    u, v, height1, height2 = corners[:, chosen]  # (4, K) each
+    flat = tangent[:, None] * u + cross(normal, tangent)[:, None] * v
+    point1 = mul_add(flat, height1, normal[:, None]) + t[:, None]
+    point2 = mul_add(flat, height2, normal[:, None])
     rotation1, rotation2 = (take(frames.rotation, bodies, axis=1) for bodies in (first, second))
     return Manifolds(
         key=first * (frames.count + 1) + second,

@@ -14,17 +14,7 @@ from rbs.geometry.facets import find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners
 from rbs.geometry.lowest import support_features
 from rbs.geometry.patches import Polygons, overlap_corners
-from rbs.geometry.vectors import (
-    cross,
-    dot,
-    find_sorted,
-    indices,
-    mat_vec,
-    mul_add,
-    ranges,
-    row_minima,
-    take,
-)
+from rbs.geometry.vectors import cross, dot, find_sorted, indices, ranges, row_minima, take
 
 POINTS = 4
 # Ratio of the masses of two bodies in contact from which their island is solved until it converges.
@@ -77,11 +67,10 @@ class Manifolds(SimpleNamespace):
         key = first * (number[-1] + 1) + second
         return self.renewed(key=key).rows(indices(isKept)), left[(left >= 0) & (left < number[-1])]
 
-    def joined(self, some, other):
-        """Returns the manifolds `some` (m,) of these, and others, sorted by key."""
+    def joined(self, other):
+        """Returns these manifolds and others, sorted by key."""
         both = {n: np.concatenate((x, vars(other)[n]), axis=-1) for n, x in vars(self).items()}
-        some = np.append(some, np.arange(len(self.key), len(both["key"])))
-        return Manifolds(**both).rows(some[both["key"][some].argsort(kind="stable")])
+        return Manifolds(**both).rows(both["key"].argsort(kind="stable"))
 
     def inherit(self, old):
         """Takes over impulses of the manifolds that these replace.
@@ -91,18 +80,19 @@ class Manifolds(SimpleNamespace):
         """
         known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
-        old, column = old.rows(known[mine]), np.arange(len(mine))
-        away = take(self.anchor1, mine, axis=2)[:, :, None] - old.anchor1[:, None]
+        old, column = old.rows(take(known, mine)), np.arange(len(mine))
+        isPoint, anchor = take(self.isPoint, mine, axis=1), take(self.anchor1, mine, axis=2)
+        # of squares; equal ones may not differ by rounding
         grain = ROUNDING * np.maximum(dot(old.translation, old.translation), TINY)
-        # squares, of new and old points; equal ones may not differ by rounding
-        isPair = self.isPoint[:, None, mine] & old.isPoint
-        distance = np.where(isPair, np.round(dot(away, away) / grain), np.inf)
+        impulse, isLeft = np.zeros(isPoint.shape), old.isPoint.copy()
         for k in range(POINTS):
-            nearest = distance[k].argmin(axis=0)
-            source = nearest * len(mine) + column
-            isLeft = take(distance[k], source) < np.inf
-            self.impulse[k, mine] = np.where(isLeft, take(old.impulse, source), 0.0)
-            distance[:, nearest[isLeft], column[isLeft]] = np.inf
+            away = anchor[:, k, None] - old.anchor1
+            distance = np.where(isLeft, np.round(dot(away, away) / grain), np.inf)
+            nearest = distance.argmin(axis=0) * len(mine) + column
+            inherits = isPoint[k] & take(isLeft, nearest)
+            impulse[k] = np.where(inherits, take(old.impulse, nearest), 0.0)
+            isLeft.reshape(-1)[nearest[inherits]] = False
+        self.impulse[:, mine] = impulse
         force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
         normal, tangent = take(self.normal, mine, axis=1), take(self.tangent, mine, axis=1)
         friction = dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2]
@@ -117,11 +107,6 @@ NO_MANIFOLDS = Manifolds(
     **{name: np.zeros((3, POINTS, 0)) for name in ("anchor1", "anchor2")},
     impulse=np.zeros((POINTS, 0)),
 )
-
-
-def turn_points(matrix, points):
-    """Multiplies matrices (9, M) by points (3, 4, M)."""
-    return mat_vec(matrix[:, None], points)
 
 
 def contact_normals(pairs, separation, approach, slop):
@@ -154,26 +139,52 @@ def pair_corners(pairs, normal, tangent):
     corners : coordinates u and v along the tangent t1 and n × t1, and heights along n on
         the first and the second body, all from the second COM
     """
-    tolerance = FEATURE_TOLERANCE * pairs.size
-    faces = _Faces(pairs, np.stack((tangent, cross(normal, tangent), normal), axis=1), tolerance)
-    row, uv = overlap_corners(faces, tolerance)
-    height1, height2 = faces.heights(row, *uv)
-    return row, np.array((*uv, height1, height2))
+    hulls, tolerance = pairs.hulls, FEATURE_TOLERANCE * pairs.size
+    frame = np.tile(np.stack((tangent, cross(normal, tangent), normal), axis=1), 2)
+    bodies = np.concatenate((pairs.first, pairs.second))
+    origin = np.concatenate((-pairs.t, np.zeros_like(pairs.t)), axis=1)
+    outward = np.concatenate((normal, -normal), axis=1)
+    face = _touching_faces(hulls, bodies, outward, np.tile(tolerance, 2))
+    row, corner, count = face_corners(hulls, bodies, face)
+    corner += take(origin, row, axis=1)
+    faces = Polygons(count, dot(corner[:, None], take(frame[:, :2], row, axis=2)))
+    row, (u, v) = overlap_corners(faces, tolerance)
+    # heights of the planes of both faces
+    planes = take(hulls.normals, face, axis=1)
+    offset = (take(hulls.offsets, face) + dot(planes, origin)).reshape(2, -1)
+    slopes = dot(planes[:, None], frame).reshape(3, 2, -1)
+    slopeU, slopeV, slopeN = take(slopes, row, axis=2)
+    heights = (take(offset, row, axis=1) - slopeU * u - slopeV * v) / slopeN
+    return row, np.array((u, v, *heights))
 
 
-def ground_corners(frames, bodies):
-    """Corners of bodies (K,) above the ground, as those of `pair_corners`; frames : `Frames`"""
-    hulls = frames.hulls
-    row, column = ranges(take(hulls.vertexStart, bodies), take(hulls.vertexCount, bodies))
-    x, y, z = take(hulls.vertices, column, axis=1)
-    separation = y + take(frames.position[1, bodies], row)
-    return row, np.array((x, z, -separation, np.zeros_like(x)))
+def _touching_faces(hulls, bodies, outward, tolerance):
+    """Of the faces at the support point of each body (R,), that which faces the other one most.
+
+    outward : (3, R), normals of contact, towards the other bodies. Faces elsewhere may be closer to
+    them, but do not contain the deepest point.
+    """
+    _, count, column = support_features(hulls, bodies, -outward, tolerance)
+    last = count.cumsum() - 1
+    ends = take(column, np.array((last - count + 1, last)))  # of the support features
+    count = take(hulls.vertexFaceCount, ends[0])
+    row, face = ranges(take(hulls.vertexFaceStart, ends[0]), count)
+    face = take(hulls.vertexFaces, face)
+    normal, offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
+    # a face has both ends if their mean is on its plane
+    middle = take(0.5 * (take(hulls.vertices, ends, axis=1).sum(axis=1)), row, axis=1)
+    hasEnds = dot(normal, middle) >= offset - 4.0 * take(tolerance, row)
+    cosine = np.where(hasEnds, dot(normal, take(outward, row, axis=1)), -1.0)
+    return take(face, row_minima(-cosine, count)[1])
 
 
 def separation_growths(normal, tangent, t, displacements, row, u, v):
     """By how much the separations (Q,) of corners at u, v (Q,) grow in a step, to first order.
 
-    n · (d2 + θ2 × r - d1 - θ1 × (r + t)), with r from the second COM; see `place_points`
+    n · (d2 + θ2 × r - d1 - θ1 × (r + t)), with r from the second COM
+
+    normal, tangent, t : (3, K), see `Frames.translations`; row : (Q,), of each corner
+    displacements : (6, 2, K), and rotation vectors, of the two bodies in the step, without gravity
     """
     (d1, d2), (turn1, turn2) = displacements.reshape(2, 3, 2, -1).swapaxes(1, 2)
     slope = cross(normal, turn2 - turn1)
@@ -182,75 +193,13 @@ def separation_growths(normal, tangent, t, displacements, row, u, v):
     return take(growth, row) + take(slopes[0], row) * u + take(slopes[1], row) * v
 
 
-def place_points(normal, tangent, t, displacements, row, corners, size, margin):
-    """Selects up to four contact points of K manifolds: `(point1, point2, isPoint)`.
-
-    t : (3, K), see `Frames.translations`
-    displacements : (6, 2, K), and rotation vectors, of the two bodies in the step, without gravity,
-        which predict the separation at its end
-    row, corners : as those of `pair_corners`; size, margin : (K,), least thickness, and height over
-        the deepest point up to which others count if that does not go on
-    point1, point2 : (3, 4, K), on the first and second body, relative to its COM, world axes. A
-        point and its partner lie on one line along the normal; isPoint : (4, K)
-    """
-    order = row.argsort(kind="stable")
-    row, corners = row[order], take(corners, order, axis=1)
-    u, v, height1, height2 = corners
-    growth = separation_growths(normal, tangent, t, displacements, row, u, v)
-    chosen, isPoint = _four_points(row, u, v, height2 - height1, growth, size, margin)
-    u, v, height1, height2 = corners[:, chosen]  # (4, K) each
-    flat = tangent[:, None] * u + cross(normal, tangent)[:, None] * v
-    point1 = mul_add(flat, height1, normal[:, None]) + t[:, None]
-    return point1, mul_add(flat, height2, normal[:, None]), isPoint
-
-
-class _Faces(Polygons):
-    """Faces of K `Pairs`, K of the first bodies and K of the second.
-
-    Of the faces at the support point, each is the one that faces the other body most. Faces
-    elsewhere may face it more, but do not contain the deepest point.
-    """
-
-    def __init__(self, pairs, frame, tolerance):
-        """frame : (3, 3, K), u, v and the normal, as columns; tolerance : of `contact_points`"""
-        hulls, frame = pairs.hulls, np.concatenate((frame, frame), axis=2)
-        direction, origin = frame[:, 2].copy(), np.zeros_like(frame[:, 2])
-        direction[:, len(tolerance) :] *= -1.0
-        origin[:, : len(tolerance)] = -pairs.t
-        bodies = np.concatenate((pairs.first, pairs.second))
-        slack = np.concatenate((tolerance, tolerance))
-        _, count, column = support_features(hulls, bodies, -direction, slack)
-        last = count.cumsum() - 1
-        ends = take(column, np.array((last - count + 1, last)))  # of the support features
-        count = take(hulls.vertexFaceCount, ends[0])
-        row, face = ranges(take(hulls.vertexFaceStart, ends[0]), count)
-        face = take(hulls.vertexFaces, face)
-        normal, offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
-        # a face has both ends if their mean is on its plane
-        middle = take(0.5 * (take(hulls.vertices, ends, axis=1).sum(axis=1)), row, axis=1)
-        hasEnds = dot(normal, middle) >= offset - 4.0 * take(slack, row)
-        cosine = np.where(hasEnds, dot(normal, take(direction, row, axis=1)), -1.0)
-        best = row_minima(-cosine, count)[1]
-
-        row, corner, count = face_corners(hulls, bodies, take(face, best))
-        corner += take(origin, row, axis=1)
-        super().__init__(count, dot(corner[:, None], take(frame[:, :2], row, axis=2)))
-        normal = take(normal, best, axis=1)
-        self._slopes = dot(normal[:, None], frame).reshape(3, 2, -1)
-        self._offset = (take(offset, best) + dot(normal, origin)).reshape(2, -1)
-
-    def heights(self, row, u, v):
-        """Heights (2, Q) along n of the planes of the faces of the pairs `row` at u, v (Q,)."""
-        slopeU, slopeV, slopeN = take(self._slopes, row, axis=2)
-        return (take(self._offset, row, axis=1) - slopeU * u - slopeV * v) / slopeN
-
-
-def _four_points(row, u, v, separation, growth, size, margin):
+def four_points(row, u, v, separation, growth, size, margin):
     """Selects up to four points of each row that span it: `(chosen (4, K), isPoint (4, K))`.
 
     row : (Q,), ascending, each of 0 … K - 1 at least once; u, v : (Q,)
     separation, growth : (Q,), now, and by how much it is predicted to grow in the step
-    size, margin : (K,), see `place_points`
+    size, margin : (K,), least thickness, and height over the deepest point up to which others count
+        if that does not go on
 
     In this order: the deepest point; the predicted deepest one or, if that is the same, the
     farthest from it; the point that forms the largest triangle with these; and the point that adds
@@ -258,26 +207,26 @@ def _four_points(row, u, v, separation, growth, size, margin):
     cylinder touches with the other end of its side, even if the next side ends farther away.
     isPoint is false where no such point is left.
     """
-    count = np.bincount(row)
-    grain = (ROUNDING * size).repeat(count)
-
-    def lowest(measure, grain):
-        """Returns the point (K,) of each row with the least measure, of several the first."""
-        return row_minima(np.round(measure / grain), count)[1]
-
-    first = lowest(separation, grain)
+    count, grain = np.bincount(row), take(ROUNDING * size, row)
     later = separation + growth
-    following = lowest(later, grain)
+    first, following = (row_minima(np.round(x / grain), count)[1] for x in (separation, later))
     height = separation - take(np.maximum(separation[first], 0.0), row)
     height = np.maximum(np.minimum(height, later - take(later[following], row)), 0.0)
     # others still come down by as much as the deepest point would go on, if it met nothing
     beyond = np.maximum(np.minimum(-later[first], -growth[first]), 0.0)
     weight = 1.0 - height / take(margin + beyond, row)
     merge = FEATURE_TOLERANCE * size
+    goesOn = later[first] - later[following] > merge
+
+    isNear = weight >= 0.0  # the others are not selected
+    near, place = indices(isNear), isNear.cumsum() - 1
+    first, following = place[first], place[following]
+    row, u, v, weight = (take(x, near) for x in (row, u, v, weight))
+    count, grain = np.bincount(row), take(ROUNDING * size * size, row)
 
     def farthest(measure):
         """Returns the point (K,) of each row with the largest measure, and that measure."""
-        point = lowest(np.where(weight < 0.0, np.inf, -weight * measure), grain * take(size, row))
+        point = row_minima(np.round(-weight * measure / grain), count)[1]
         return point, measure[point]
 
     def area(q):
@@ -286,7 +235,7 @@ def _four_points(row, u, v, separation, growth, size, margin):
 
     u, v = u - take(u[first], row), v - take(v[first], row)
     away = u * u + v * v
-    second = np.where(later[first] - later[following] > merge, following, farthest(away)[0])
+    second = np.where(goesOn, following, farthest(away)[0])
     length = np.sqrt(away[second])
     areas = area(second)
     third, size3 = farthest(np.abs(areas))
@@ -298,6 +247,8 @@ def _four_points(row, u, v, separation, growth, size, margin):
     isPoint = np.ones((POINTS, len(size)), dtype=bool)
     isPoint[1], isPoint[2] = length > merge, size3 > merge * length
     isPoint[3] = isPoint[2] & (size4 > merge * length)
-    chosen = np.array((first, second, third, fourth))
-    order = chosen.argsort(axis=0)  # so that they are visited in the same order in each step
-    return np.take_along_axis(chosen, order, axis=0), np.take_along_axis(isPoint, order, axis=0)
+    # ascending, so that they are visited in the same order in each step; of one that was selected
+    # twice, the point first
+    order = 2 * np.array((first, second, third, fourth)) + ~isPoint
+    order.sort(axis=0)
+    return take(near, order // 2), order % 2 == 0

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rbs.geometry.vectors import cross, dot, take
-from rbs.softstep.manifolds import POINTS, turn_points
+from rbs.geometry.vectors import cross, dot, mat_vec, take
+from rbs.softstep.manifolds import POINTS
 from rbs.stepping.reports import GROUND
 
 # Columns (3, 2, 1): the normal from a body towards the ground, and the first tangent of friction.
@@ -27,13 +27,13 @@ class PlacedManifolds:
         self.isPoint = manifolds.isPoint
         axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
         vectors = np.concatenate((axes, manifolds.anchor1), axis=1)
-        turned = turn_points(take(frames.rotation, self.first, axis=1), vectors)
+        turned = mat_vec(take(frames.rotation, self.first, axis=1)[:, None], vectors)
         isOnGround = self.second == frames.count
         self.other = np.where(isOnGround, GROUND, self.second)
         axes = np.where(isOnGround, GROUND_AXES, turned[:, :2])
         self.normal, self.tangent1, self.arm = axes[:, 0], axes[:, 1], turned[:, 2:]
         self.tangent2 = cross(self.normal, self.tangent1)
-        across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
+        across = mat_vec(take(frames.rotation, self.second, axis=1)[:, None], manifolds.anchor2)
         self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
 
     def reported(self, total):

@@ -33,44 +33,47 @@ def deferring(frames, ends, normal, asked):
     (first, second), count, hulls = ends, len(normal[0]), frames.hulls
     isAsked = np.zeros(frames.count + 1, dtype=bool)
     isAsked[ends[:, asked]] = True
-    level = np.zeros((2, count))  # height of the second body towards the first, and of the first
-    some = indices(isAsked[ends].any(axis=0))
-    level[1, some] = -supports(hulls, first[some], -take(normal, some, axis=1))[0]
-    some = some[second[some] < frames.count]
-    level[0, some] = -supports(hulls, second[some], take(normal, some, axis=1))[0]
-    t = take(frames.position, second, axis=1) - take(frames.position, first, axis=1)
-    depth = level[0] + level[1] - dot(normal, t)
+    # each contact twice: the second body under the first, and the first under the second
     body, base = np.concatenate((ends, ends[::-1]), axis=1)
+    outward, level = np.concatenate((-normal, normal), axis=1), np.zeros(2 * count)
+    some = indices(np.tile(isAsked[ends].any(axis=0), 2) & (base < frames.count))
+    level[some] = -supports(hulls, take(base, some), -take(outward, some, axis=1))[0]
+    t = take(frames.position, second, axis=1) - take(frames.position, first, axis=1)
+    depth = level[:count] + level[count:] - dot(normal, t)
     some = indices((isAsked & ~np.append(frames.bodies.isFixed, True))[body])
     some = some[body[some].argsort(kind="stable")]
-    base, contact, level = take(base, some), some % count, take(level, some)
-    outward = take(normal, contact, axis=1) * np.where(some < count, -1.0, 1.0)
     perBody = np.bincount(body[some], minlength=frames.count + 1)
     start = perBody.cumsum() - perBody
 
     first, second, normal = *ends[:, asked], normal[:, asked]
-    count = len(first)
     body, other = np.concatenate(((first, second), (second, first)), axis=1)
     row, column = ranges(take(start, body), take(perBody, body))
-    i, j, base = take(body, row), take(other, row), take(base, column)
-    m, level = take(outward, column, axis=1), take(level, column)
-    height = dot(m, take(frames.position, j, axis=1) - take(frames.position, base, axis=1)) - level
+    column, j = take(some, column), take(other, row)
+    base, m = take(base, column), take(outward, column, axis=1)
+    height = dot(m, take(frames.position, j, axis=1) - take(frames.position, base, axis=1))
+    height -= take(level, column)
+    some = indices((height <= 0.0) & (j != base))
+    row, column, j, base, height = (take(x, some) for x in (row, column, j, base, height))
+    m, contact = take(m, some, axis=1), column % count
+    count = len(first)
     rise = dot(m, take(frames.glide, j, axis=1) - take(frames.glide, base, axis=1))
     # the support has sunk about as deep under the body as the body into it
-    depth = take(depth, take(contact, column))
-    slack = frames.slop(i, j) + 2.0 * np.maximum(depth, 0.0) - np.maximum(rise, 0.0)
+    slack = frames.slop(take(body, row), j) + 2.0 * np.maximum(take(depth, contact), 0.0)
+    slack -= np.maximum(rise, 0.0)
     slant = np.sqrt(2.0 * FLUSH)  # the angle
     # the extent of j, at least, seen along m and a normal that leans
     extent = (1.0 - slant) * take(frames.thickness, j) - slant * take(frames.radius, j)
-    some = indices((height <= np.minimum(0.0, slack - extent)) & (j != base))
-    row, column, j, height, slack = (take(x, some) for x in (row, column, j, height, slack))
+    some, isContact = indices(height <= slack - extent), np.ones(count, dtype=bool)
+    if len(some) == 0:
+        return normal, isContact
+    row, contact, j, height, slack = (take(x, some) for x in (row, contact, j, height, slack))
     m = take(m, some, axis=1)
     # seen along a normal that leans as much, so that a slab that tilts does not rise
     away = slant * take(normal, row % count, axis=1) * np.where(row < count, 1.0, -1.0)
     directions = np.concatenate((away, away - m), axis=1)
     nearest, farthest = supports(hulls, np.concatenate((j, j)), directions)[0].reshape(2, -1)
     some = indices(height + nearest - farthest <= slack)
-    row, column = take(row, some), take(column, some)
+    row, contact = take(row, some), take(contact, some)
     m = take(m, some, axis=1) * np.where(row < count, -1.0, 1.0)
     row %= count
     isOther = dot(m, take(normal, row, axis=1)) < 1.0 - FLUSH
@@ -79,12 +82,11 @@ def deferring(frames, ends, normal, asked):
     approach = take(frames.glide, first, axis=1) - take(frames.glide, second, axis=1)
     closing = np.maximum(dot(m, take(approach, row, axis=1)), 0.0)
     order = np.lexsort((closing, row))
-    order = order[isFirm[contact[column[order]]]]
+    order = order[isFirm[contact[order]]]
     isBest = np.diff(row[order], prepend=-1) > 0
     best = order[isBest]
     isCrossed = dot(take(m, order, axis=1), take(m, best[isBest.cumsum() - 1], axis=1)) < slant
-    isContact, normal = np.ones(count, dtype=bool), normal.copy()
     isContact[row[order[isCrossed]]] = False
-    best = best[isOther[best]]
+    best, normal = best[isOther[best]], normal.copy()
     normal[:, row[best]] = take(m, best, axis=1)
     return normal, isContact

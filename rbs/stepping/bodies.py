@@ -73,6 +73,7 @@ class Bodies:
         np.empty(MOST_KEPT, dtype=np.uint8)  # freed at once, and never touched
         self.meshes, self.memory, self._near = tuple(meshes), None, None
         self._invITs = [None] * len(meshes)
+        self._lack = [vars(mesh).keys().isdisjoint for mesh in meshes]
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.concatenate([np.zeros((0, 3)), *(m.origVertices for m in meshes)])
@@ -95,7 +96,7 @@ class Bodies:
 
     def _present(self):
         """`(state (13, n + 1), meshes)`: the state, and those that have rows of their own."""
-        own = [k for k, mesh in enumerate(self.meshes) if not vars(mesh).keys().isdisjoint(ROWS)]
+        own = [k for k, lacks in enumerate(self._lack) if not lacks(ROWS)]
         state = self._state.copy() if own else self._state
         for name, rows in ROWS.items() if own else ():
             state[rows, own] = columns_of(self.meshes, name, own)
@@ -204,14 +205,16 @@ class Bodies:
         """Returns the boxes of the bodies b (m,) at the positions (3, m), as in `box`."""
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
 
-    def near_pairs(self, box, isStill):
+    def near_pairs(self, box, isStill, growth=None):
         """Returns the pairs i < j (2, P), in this order, whose boxes (6, n) overlap, but for two
         that are still, isStill (n,).
 
-        They are among those of an earlier call as long as each box lies within its reach then.
+        They are among those of an earlier call as long as each box lies within its reach then, the
+        box grown by `growth` (6, n), or by REACH.
         """
         if self._near is None or not (box >= self._near[0]).all():
-            reach = box - REACH * (-box[3:] - box[:3]).max(axis=0)
+            least = REACH * (-box[3:] - box[:3]).max(axis=0)
+            reach = box - (least if growth is None else growth)
             self._near = reach, grid_overlaps(reach, np.zeros(len(self.meshes), dtype=bool))
         pairs = overlapping(box, *self._near[1])
         return take(pairs, indices(~take(isStill, pairs).all(axis=0)), axis=1)

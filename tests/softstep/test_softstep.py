@@ -11,7 +11,7 @@ from oracles import body, box_body, penetrations, quaternion, random_quaternions
 from scipy.spatial.transform import Rotation
 
 from rbs.scenes.simulation import SceneSimulation
-from rbs.softstep.manifolds import separation_growths
+from rbs.softstep.manifolds import four_points, separation_growths
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import GRAVITY
 from RBSFunctions import run_timestep
@@ -47,6 +47,20 @@ def some_heap(seed=3, count=7):
         name = ("box", "octahedron", "cylinder")[i % 3]
         heap.append(body(name, place, q, density=rng.uniform(1, 5)))
     return heap
+
+
+def test_corners_that_are_selected_twice_are_points_once_in_one_order_on_every_processor():
+    """Manifolds of one to three corners: four are selected, ascending, each a point the first time.
+
+    NumPy's default sort puts equal ones in an order that depends on the processor.
+    """
+    rng = np.random.default_rng(1)
+    row = np.arange(60).repeat(np.arange(60) % 3 + 1)
+    u, v, separation, growth = rng.normal(size=(4, len(row)))
+    chosen, isPoint = four_points(row, u, v, separation, growth, np.ones(60), np.full(60, 9.0))
+    assert np.array_equal(isPoint.sum(axis=0), np.bincount(row))
+    isAgain = chosen[1:] == chosen[:-1]
+    assert (chosen[1:] >= chosen[:-1]).all() and not (isPoint[1:] & isAgain).any()
 
 
 def test_the_deepest_point_is_always_in_the_manifold():
