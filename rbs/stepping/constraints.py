@@ -42,7 +42,7 @@ class ConstraintRows:
         names = "index body1 vertex1 body2 vertex2 refValue upper".split()
         columns = [getattr(self, name).tolist() for name in names]
         # vectors (V, 1, 3) from the COM to the rest vertices, rotated
-        arms = cache(lambda b: np.ascontiguousarray(meshes[b].rotated_hull().points.T)[:, None])
+        arms = cache(lambda b: meshes[b].rotated_hull().points.T.copy()[:, None])
         links, last = [], None
         for index, b1, v1, b2, v2, refValue, upper in zip(*columns, strict=True):
             if (b1, v1, b2, v2) != last:
@@ -98,10 +98,11 @@ def constraint_table(constraints, meshes):
             raise ValueError(what) from None
     table = rows.T
     mesh, vertex = table[0:4:2], table[1:4:2]
+    isIndex = (table[:4] >= 0) & (table[:4] == np.floor(table[:4]))
     vertexCount = np.array([*(len(m.origVertices) for m in meshes), 0])
-    known = (mesh >= 0) & (mesh < len(meshes)) & (mesh == np.floor(mesh))
+    known = isIndex[0::2] & (mesh < len(meshes))
     count = vertexCount[np.where(known, mesh, -1).astype(np.intp)]
-    fits = known & (vertex >= 0) & (vertex < count) & (vertex == np.floor(vertex))
+    fits = known & isIndex[1::2] & (vertex < count)
     if not fits.all():
         c, end = np.argwhere(~fits.T)[0].tolist()
         what, most = f"mesh {mesh[end, c]:g} has no vertex {vertex[end, c]:g}", count[end, c] - 1
