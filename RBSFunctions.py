@@ -250,15 +250,15 @@ def resolve_constraints(step):
 
 def visit(step, link):
     """Corrects two bodies for each bound of a `Link` that is violated; returns whether one was."""
-    b1, b2, arm1, arm2, invMasses, bounds = link
+    b1, b2, invMasses = link.body1, link.body2, link.invMasses
     m1, m2 = step.meshes[b1], step.meshes[b2]
     points, isCorrected, watch, tolerance = None, False, step.watch, step.tolerance
-    for bound in bounds:
+    for bound in link.bounds:
         _, refValue, upper = bound
         before = watch and watch.states(b1, b2)
         if points is None:  # at first, and after a correction
             positions = x1, x2 = m1.position, m2.position
-            points = x1 + arm1, x2 + arm2
+            points = x1 + link.arm1, x2 + link.arm2
         positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
             positions, points, refValue, invMasses, upper, tolerance
         )

@@ -5,8 +5,8 @@ or at the maximum number of visits, to which all `total` constraints of the list
 returns the number of visits that it made: none to constraints that no motion can correct.
 """
 
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -64,7 +64,8 @@ def linked_keys(step, width):
     return np.unique(first * width + second)
 
 
-class Link(NamedTuple):
+@dataclass(slots=True)
+class Link:
     """Points of two bodies, of which a visit may move one, and the bounds of their distance.
 
     The coursework's files have two bounds for each pair of points.
@@ -99,7 +100,7 @@ def constraint_table(constraints, meshes):
     table = rows.T
     mesh, vertex = table[0:4:2], table[1:4:2]
     isIndex = (table[:4] >= 0) & (table[:4] == np.floor(table[:4]))
-    vertexCount = np.array([*(len(m.origVertices) for m in meshes), 0])
+    vertexCount = np.array([len(m.origVertices) for m in meshes] + [0])
     known = isIndex[0::2] & (mesh < len(meshes))
     count = vertexCount[np.where(known, mesh, -1).astype(np.intp)]
     fits = known & isIndex[1::2] & (vertex < count)
@@ -125,7 +126,7 @@ def up_to(links, end):
     """Returns the links of the constraints before an index, itself if these are all."""
     if not links or links[-1].bounds[-1][0] < end:
         return links
-    parts = (one._replace(bounds=[b for b in one.bounds if b[0] < end]) for one in links)
+    parts = (replace(one, bounds=[b for b in one.bounds if b[0] < end]) for one in links)
     return [one for one in parts if one.bounds]
 
 
