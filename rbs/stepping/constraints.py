@@ -23,7 +23,7 @@ class ConstraintRows:
     tolerance, as in a rope, is always satisfied.
 
     index : (C,), positions in the caller's list, which has `total` rows
-    body1, vertex1, body2, vertex2, refValue, upper : (C,)
+    ends : (4, C), body1, vertex1, body2, vertex2; refValue, upper : (C,)
     """
 
     def __init__(self, constraints, meshes, tolerance):
@@ -34,22 +34,21 @@ class ConstraintRows:
         movable = ~(isFixed[ends[0]] & isFixed[ends[2]])
         movable &= isUpper | (table[4] > tolerance)
         self.index = indices(movable)
-        self.body1, self.vertex1, self.body2, self.vertex2 = ends[:, movable]
-        self.refValue, self.upper = table[4, movable], isUpper[movable]
+        self.ends = take(ends, self.index, axis=1)
+        self.refValue, self.upper = take(table[4], self.index), take(isUpper, self.index)
 
     def links(self, meshes):
         """Returns a list of `Link`: constraints between the same points, one after the other."""
-        names = "index body1 vertex1 body2 vertex2 refValue upper".split()
-        columns = [getattr(self, name).tolist() for name in names]
+        bounds = zip(self.index.tolist(), self.refValue.tolist(), self.upper.tolist(), strict=True)
         # vectors (V, 1, 3) from the COM to the rest vertices, rotated
         arms = cache(lambda b: meshes[b].rotated_hull().points.T.copy()[:, None])
         links, last = [], None
-        for index, b1, v1, b2, v2, refValue, upper in zip(*columns, strict=True):
-            if (b1, v1, b2, v2) != last:
-                last, bounds = (b1, v1, b2, v2), []
+        for ends, bound in zip(self.ends.T.tolist(), bounds, strict=True):
+            if ends != last:
+                b1, v1, b2, v2 = last = ends
                 invMasses = meshes[b1].invMass, meshes[b2].invMass
-                links.append(Link(b1, b2, arms(b1)[v1], arms(b2)[v2], invMasses, bounds))
-            bounds.append((index, refValue, upper))
+                links.append(Link(b1, b2, arms(b1)[v1], arms(b2)[v2], invMasses, []))
+            links[-1].bounds.append(bound)
         return links
 
 
@@ -60,7 +59,7 @@ def linked_keys(step, width):
     if step.linkedBodiesCollide or len(step.constraints) == 0:
         return np.zeros(0, dtype=np.intp)
     rows = ConstraintRows(step.constraints, step.meshes, 0.0)
-    first, second = np.sort((rows.body1, rows.body2), axis=0)
+    first, second = np.sort(rows.ends[0::2], axis=0)
     return np.unique(first * width + second)
 
 
@@ -181,9 +180,9 @@ def project_in_batches(step, rows, maximumVisits):
     """
     bodies = bodies_of(step.meshes)
     bodies.update_rotations()
-    ends, vertices = np.stack((rows.body1, rows.body2)), np.stack((rows.vertex1, rows.vertex2))
+    ends, vertices = rows.ends[0::2], rows.ends[1::2]
     arms = bodies.arms(ends, vertices)
-    coloured = coloured_batches(rows.body1, rows.body2, rows.isFixed)
+    coloured = coloured_batches(*ends, rows.isFixed)
     visits = satisfiedInARow = 0
     for begin in range(0, maximumVisits, rows.total):
         left = maximumVisits - begin - (rows.total - len(rows.index))
