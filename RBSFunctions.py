@@ -47,6 +47,7 @@ from rbs.geometry.triples import (
     mul_add,
     norm,
     number,
+    quaternion,
     rotate_tensor,
     row,
     scale,
@@ -215,7 +216,8 @@ def resolve_ground(step):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
-                contact, last = (lowest[1], UPWARDS, lowest), step.contactSettings
+                contact = float(lowest[1]), row(UPWARDS), lowest[None]
+                last = step.contactSettings
                 begun, ends = step.begin_contact(i, GROUND, contact), (mesh, step.groundMesh)
                 impulses = step.functions.resolve_collision(*ends, *contact, *last)
                 step.end_contact(i, GROUND, contact, impulses, begun)
@@ -248,15 +250,15 @@ def resolve_constraints(step):
 
 def visit(step, link):
     """Corrects two bodies for each bound of a `Link` that is violated; returns whether one was."""
-    b1, b2, arm1, arm2, invMasses, bounds = link
+    b1, b2, invMasses = link.body1, link.body2, link.invMasses
     m1, m2 = step.meshes[b1], step.meshes[b2]
     points, isCorrected, watch, tolerance = None, False, step.watch, step.tolerance
-    for bound in bounds:
+    for bound in link.bounds:
         _, refValue, upper = bound
         before = watch and watch.states(b1, b2)
         if points is None:  # at first, and after a correction
             positions = x1, x2 = m1.position, m2.position
-            points = x1 + arm1, x2 + arm2
+            points = x1 + link.arm1, x2 + link.arm2
         positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
             positions, points, refValue, invMasses, upper, tolerance
         )
@@ -264,9 +266,9 @@ def visit(step, link):
             # the points stay on one line, so that arms and direction still hold
             linVelocities = m1.linVelocity, m2.linVelocity
             angVelocities = m1.angVelocity, m2.angVelocity
-            masses = invMasses, (step.tensor(b1), step.tensor(b2))
+            tensors = step.tensor(b1), step.tensor(b2)
             _, (v1, v2), (omega1, omega2) = step.functions.resolve_velocity_constraint(
-                positions, points, linVelocities, angVelocities, *masses, tolerance
+                positions, points, linVelocities, angVelocities, invMasses, tensors, tolerance
             )
             if invMasses[0]:
                 m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
@@ -430,7 +432,7 @@ class Mesh(MeshTools):
         linVelocity = mul_add(vector(self.linVelocity), h, gravity)
         position = mul_add(vector(self.position), h, linVelocity)
         turn = exponential((0.0, *scale(0.5, scale(h, vector(self.angVelocity)))))
-        w, x, y, z = multiply(turn, floats(self.orientation, 4))
+        w, x, y, z = multiply(turn, quaternion(self.orientation))
         # rounding makes a product of unit quaternions drift from unit length
         length = math.sqrt(w * w + (x * x + y * y + z * z))
         self.linVelocity, self.position = row(linVelocity), row(position)
@@ -462,16 +464,15 @@ class Mesh(MeshTools):
         """Returns the first lowest vertex in the world (3,), or None if the mesh is fixed."""
         if self.isFixed:
             return None
-        vertices = self.rotated_hull().points
-        x, y, z = vector(self.position)
-        column = (vertices[1] + y).argmin()
-        return vertices[:, column] + (x, y, z)
+        vertices, position = self.rotated_hull().points, vector(self.position)
+        column = (vertices[1] + position[1]).argmin()
+        return np.array(add(vertices[:, column].tolist(), position))
 
     def get_rotated_inv_IT(self) -> np.ndarray:
         """Inverse inertia tensor in world axes, R I⁻¹ Rᵀ: (3, 3); 0 if the mesh is fixed."""
         if self.isFixed:
             return np.zeros((3, 3))
-        rotation = rotation_matrices(floats(self.orientation, 4))
+        rotation = rotation_matrices(quaternion(self.orientation))
         return np.array(rotate_tensor(rotation, matrix(self.invIT))).reshape(3, 3)
 
     def body_state(self) -> Body:
@@ -491,7 +492,7 @@ class Mesh(MeshTools):
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
         orientation = bytes_of(self.orientation)
         if self._rotatedHull[0] != orientation and self._hull is not None:
-            rotation = rotation_matrices(floats(self.orientation, 4))
+            rotation = rotation_matrices(quaternion(self.orientation))
             self._rotatedHull = orientation, RotatedHull(self.hull, self.origVertices, rotation)
         return self._rotatedHull[1]
 
@@ -674,7 +675,6 @@ def resolve_position_constraint(
     d = sub(vector(currConstPoints[0]), vector(currConstPoints[1]))
     length = norm(d)
     C = length - number(refValue)
-    tolerance = number(tolerance)
     if not (C > tolerance if upper else C < -tolerance):
         return True, currPositions
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])

@@ -160,8 +160,7 @@ def bounds(constraints, bodies):
     if len(constraints) == 0:
         return np.zeros((6, 0))
     rows = ConstraintRows(constraints, bodies.meshes, 0.0)
-    points = np.stack((rows.body1, rows.vertex1, rows.body2, rows.vertex2))
-    points, first, row = np.unique(points, axis=1, return_index=True, return_inverse=True)
+    points, first, row = np.unique(rows.ends, axis=1, return_index=True, return_inverse=True)
     lower, upper = np.full(len(first), -np.inf), np.full(len(first), np.inf)
     row = row.ravel()
     np.minimum.at(upper, row[rows.upper], rows.refValue[rows.upper])

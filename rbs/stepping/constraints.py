@@ -5,8 +5,8 @@ or at the maximum number of visits, to which all `total` constraints of the list
 returns the number of visits that it made: none to constraints that no motion can correct.
 """
 
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,7 @@ class ConstraintRows:
     tolerance, as in a rope, is always satisfied.
 
     index : (C,), positions in the caller's list, which has `total` rows
-    body1, vertex1, body2, vertex2, refValue, upper : (C,)
+    ends : (4, C), body1, vertex1, body2, vertex2; refValue, upper : (C,)
     """
 
     def __init__(self, constraints, meshes, tolerance):
@@ -34,22 +34,21 @@ class ConstraintRows:
         movable = ~(isFixed[ends[0]] & isFixed[ends[2]])
         movable &= isUpper | (table[4] > tolerance)
         self.index = indices(movable)
-        self.body1, self.vertex1, self.body2, self.vertex2 = ends[:, movable]
-        self.refValue, self.upper = table[4, movable], isUpper[movable]
+        self.ends = take(ends, self.index, axis=1)
+        self.refValue, self.upper = take(table[4], self.index), take(isUpper, self.index)
 
     def links(self, meshes):
         """Returns a list of `Link`: constraints between the same points, one after the other."""
-        names = "index body1 vertex1 body2 vertex2 refValue upper".split()
-        columns = [getattr(self, name).tolist() for name in names]
+        bounds = zip(self.index.tolist(), self.refValue.tolist(), self.upper.tolist(), strict=True)
         # vectors (V, 1, 3) from the COM to the rest vertices, rotated
-        arms = cache(lambda b: np.ascontiguousarray(meshes[b].rotated_hull().points.T)[:, None])
+        arms = cache(lambda b: meshes[b].rotated_hull().points.T.copy()[:, None])
         links, last = [], None
-        for index, b1, v1, b2, v2, refValue, upper in zip(*columns, strict=True):
-            if (b1, v1, b2, v2) != last:
-                last, bounds = (b1, v1, b2, v2), []
+        for ends, bound in zip(self.ends.T.tolist(), bounds, strict=True):
+            if ends != last:
+                b1, v1, b2, v2 = last = ends
                 invMasses = meshes[b1].invMass, meshes[b2].invMass
-                links.append(Link(b1, b2, arms(b1)[v1], arms(b2)[v2], invMasses, bounds))
-            bounds.append((index, refValue, upper))
+                links.append(Link(b1, b2, arms(b1)[v1], arms(b2)[v2], invMasses, []))
+            links[-1].bounds.append(bound)
         return links
 
 
@@ -60,11 +59,12 @@ def linked_keys(step, width):
     if step.linkedBodiesCollide or len(step.constraints) == 0:
         return np.zeros(0, dtype=np.intp)
     rows = ConstraintRows(step.constraints, step.meshes, 0.0)
-    first, second = np.sort((rows.body1, rows.body2), axis=0)
+    first, second = np.sort(rows.ends[0::2], axis=0)
     return np.unique(first * width + second)
 
 
-class Link(NamedTuple):
+@dataclass(slots=True)
+class Link:
     """Points of two bodies, of which a visit may move one, and the bounds of their distance.
 
     The coursework's files have two bounds for each pair of points.
@@ -98,10 +98,11 @@ def constraint_table(constraints, meshes):
             raise ValueError(what) from None
     table = rows.T
     mesh, vertex = table[0:4:2], table[1:4:2]
-    vertexCount = np.array([*(len(m.origVertices) for m in meshes), 0])
-    known = (mesh >= 0) & (mesh < len(meshes)) & (mesh == np.floor(mesh))
+    isIndex = (table[:4] >= 0) & (table[:4] == np.floor(table[:4]))
+    vertexCount = np.array([len(m.origVertices) for m in meshes] + [0])
+    known = isIndex[0::2] & (mesh < len(meshes))
     count = vertexCount[np.where(known, mesh, -1).astype(np.intp)]
-    fits = known & (vertex >= 0) & (vertex < count) & (vertex == np.floor(vertex))
+    fits = known & isIndex[1::2] & (vertex < count)
     if not fits.all():
         c, end = np.argwhere(~fits.T)[0].tolist()
         what, most = f"mesh {mesh[end, c]:g} has no vertex {vertex[end, c]:g}", count[end, c] - 1
@@ -124,7 +125,7 @@ def up_to(links, end):
     """Returns the links of the constraints before an index, itself if these are all."""
     if not links or links[-1].bounds[-1][0] < end:
         return links
-    parts = (one._replace(bounds=[b for b in one.bounds if b[0] < end]) for one in links)
+    parts = (replace(one, bounds=[b for b in one.bounds if b[0] < end]) for one in links)
     return [one for one in parts if one.bounds]
 
 
@@ -179,9 +180,9 @@ def project_in_batches(step, rows, maximumVisits):
     """
     bodies = bodies_of(step.meshes)
     bodies.update_rotations()
-    ends, vertices = np.stack((rows.body1, rows.body2)), np.stack((rows.vertex1, rows.vertex2))
+    ends, vertices = rows.ends[0::2], rows.ends[1::2]
     arms = bodies.arms(ends, vertices)
-    coloured = coloured_batches(rows.body1, rows.body2, rows.isFixed)
+    coloured = coloured_batches(*ends, rows.isFixed)
     visits = satisfiedInARow = 0
     for begin in range(0, maximumVisits, rows.total):
         left = maximumVisits - begin - (rows.total - len(rows.index))

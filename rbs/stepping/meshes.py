@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from Quaternion import rotation_matrices
 from rbs.geometry import triples
 from rbs.geometry.hulls import FEATURE_TOLERANCE, rotate_columns
-from rbs.geometry.triples import ZERO, floats, mul_add, number, row, shown_value, vector
+from rbs.geometry.triples import ZERO, floats, mul_add, number, quaternion, row, shown_value, vector
 from rbs.stepping.settings import EARTH
 
 # Largest number allowed in a state, in any unit. Products of four such numbers are still finite; no
@@ -50,7 +50,8 @@ def check_states(meshes, when):
         table = np.concatenate(values, axis=1)
     except ValueError:  # slow path: different shapes, or no mesh
         table = np.concatenate([np.zeros(1), *values], axis=None)
-    if not np.abs(table).max() <= LARGEST_NUMBER:
+    sizes = np.abs(table)
+    if not sizes.item(sizes.argmax()) <= LARGEST_NUMBER:  # also for NaN; faster than max
         check_numbers(Snapshot.of(meshes), meshes, when)
 
 
@@ -112,14 +113,15 @@ def columns_of(meshes, name, some=None):
     """Returns an attribute of STATE_WIDTHS as a new table (width, n), of all meshes, or of some by
     index. Raises ValueError, which names the body.
     """
-    width, some = STATE_WIDTHS[name], range(len(meshes)) if some is None else some
-    values = list(map(attrgetter(name), map(meshes.__getitem__, some)))
+    width = STATE_WIDTHS[name]
+    values = list(map(attrgetter(name), meshes if some is None else [meshes[b] for b in some]))
     try:
         table = np.concatenate(values)
     except ValueError:  # different shapes, or no mesh
         table = np.zeros(0)
     if table.shape != (len(values), width):
         table = np.zeros((len(values), width))
+        some = range(len(meshes)) if some is None else some
         for row, b, value in zip(table, some, values, strict=True):
             try:
                 row[:] = floats(value, width)
@@ -274,7 +276,7 @@ class MeshTools:
         if not self.isFixed:
             from rbs.stepping.flight import torque_free_velocities
 
-            state = vector(self.angVelocity), floats(self.orientation, 4)
+            state = vector(self.angVelocity), quaternion(self.orientation)
             tensors = floats(self.IT, 9), floats(self.invIT, 9)
             mean, end = torque_free_velocities(*state, *tensors, number(timeStep))
             self.angVelocity = row(mean)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.geometry.triples import ZERO, add, floats, number, shown_value, sub
+from rbs.geometry.triples import ZERO, add, floats, number, shown_value, sub, vector
 from rbs.stepping.meshes import Snapshot, check_distinct, check_start
 
 # Index of the ground as the second body of a contact.
@@ -171,8 +171,8 @@ class Step:
         if groundMesh is not None:
             if groundMesh.invMass != 0.0:
                 raise ValueError("groundMesh must be fixed")
-            velocity, (x, _, z) = groundMesh.linVelocity, floats(groundMesh.angVelocity, 3)
-            if floats(velocity, 3)[1] or x or z:
+            (_, y, _), (x, _, z) = vector(groundMesh.linVelocity), vector(groundMesh.angVelocity)
+            if x or y or z:
                 raise ValueError("groundMesh may only slide along its plane and turn about y")
         self.meshes, self.groundMesh, self.functions = meshes, groundMesh, functions
         self.constraints = constraints if self.enforceConstraints else ()
