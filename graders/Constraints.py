@@ -7,6 +7,11 @@ As in the release, the upper and then the lower bound are resolved on the same a
 velocities with uncorrected positions.
 """
 
+import signal
+
+if __name__ == "__main__":  # until `main` begins, Ctrl-C ends it without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import sys
 
 import numpy as np

@@ -7,6 +7,11 @@
 detection, which the coursework supplies.
 """
 
+import signal
+
+if __name__ == "__main__":  # until `main` begins, Ctrl-C ends it without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import sys
 
 import numpy as np

@@ -3,6 +3,11 @@
 Stills go to figures/, videos to videos/.
 """
 
+import signal
+
+if __name__ == "__main__":  # Ctrl-C ends it without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 from functools import partial
 from pathlib import Path
 

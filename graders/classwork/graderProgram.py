@@ -16,7 +16,7 @@ from verdict.gradeReport import make_grade
 from classwork.marks import SCHEME
 from rbs.program.parsing import OneLineParser, number_type
 from rbs.scenes.files import signals_kept, signals_raised
-from rbs.scenes.messages import InputError, one_line
+from rbs.scenes.messages import InputError, cause_of, one_line
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
 STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
@@ -100,24 +100,27 @@ def run_program(parser, main):
     Returns the exit code: that of `main`, or BAD_DATA or STOPPED after one line on stderr.
     """
     arguments = parser.parse_args()
-    for stream in (sys.stdout, sys.stderr):  # not every terminal has the letters of the hints
+    # not every terminal has the letters of the hints; a closed stream is None
+    for stream in filter(None, (sys.stdout, sys.stderr)):
         stream.reconfigure(errors="replace")
     try:
         with signals_raised(), signals_kept():
             code = main(arguments)
-            sys.stdout.flush()
+            print(end="", flush=True)
         return code
-    except BrokenPipeError:  # of `| head`
-        sys.stdout = open(os.devnull, "w")
-        code, cause = STOPPED, "the output was closed"
     except InputError as problem:
         code, cause = BAD_DATA, problem
     except OSError as problem:
-        code, cause = BAD_DATA, f"{problem.filename}: {problem.strerror}"
+        code, cause = BAD_DATA, cause_of(problem)
+        if problem.filename is None:  # what could not be printed is not to be tried again
+            sys.stdout = open(os.devnull, "w")
+        if isinstance(problem, BrokenPipeError):  # of `| head`
+            code, cause = STOPPED, "the output was closed"
     except KeyboardInterrupt as problem:
         told = [one for one in problem.args if isinstance(one, str)]
         code, cause = STOPPED, " ".join(["stopped", *told])
-    print(f"{parser.prog}: {one_line(cause)}", file=sys.stderr)
+    if sys.stderr is not None:
+        print(f"{parser.prog}: {one_line(cause)}", file=sys.stderr)
     return code
 
 

@@ -66,11 +66,7 @@ def rows_of(meshes):
     loads = np.zeros((len(meshes), 6))
     for row, mesh in zip(loads, meshes, strict=True):
         if mesh.load is not None:
-            try:
-                row[:] = np.reshape(mesh.load, 6)
-            except ValueError:
-                what = "load must be a force and a torque, of 3 numbers each"
-                raise ValueError(f"mesh {mesh.name}: {what}") from None
+            row[:] = np.reshape(mesh.load, 6)
     columns = [table.T for table in Snapshot.of(meshes).values()]
     return np.concatenate([*columns, inertias_of(meshes), loads], axis=1)
 
@@ -101,8 +97,7 @@ def set_numbers(meshes, rows):
         if isOther[b, INERTIA].any():
             set_inertia(meshes[b], rows[b, INERTIA])
         if isOther[b, LOAD].any():
-            force, torque = map(tuple, rows[b, LOAD].reshape(2, 3).tolist())
-            meshes[b].load = (force, torque) if any(force + torque) else None
+            meshes[b].load = rows[b, LOAD].reshape(2, 3)
 
 
 def arrays_of(rows):

@@ -288,6 +288,14 @@ def test_ctrl_c_counts_whatever_a_students_code_makes_of_it(outcome, tmp_path, p
         assert "cause" not in told[1] and (mode == "--headless" or told[0] == "")
 
 
+def test_what_a_students_code_leaves_does_not_outlive_the_program(tmp_path):
+    left = "import atexit, threading, time\natexit.register(time.sleep, 900)\n"
+    left += "threading.Thread(target=time.sleep, args=[900]).start()\n"
+    student = write_submission(tmp_path / "student", [("import os\n", f"{left}import os\n")])
+    process = start(tmp_path, "tower", "--steps", 2, "--functions", student)
+    assert "no difference" in process.communicate(timeout=300)[0] and process.returncode == 0
+
+
 def test_code_runs_in_its_folder_and_the_program_in_its_own(tmp_path, program):
     text = "open('mine.txt').close(); os.chdir('..'); sys.stdout.close(); sys.stdout = None"
     text += "; import numpy, polyscope; numpy.seterr(all='raise'); polyscope.init()"

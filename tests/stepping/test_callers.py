@@ -159,12 +159,13 @@ REFUSED = {
     ),
     "faces": (lambda x: shapes.from_surface("x", x, None, 1.0), (box(1, 1, 1), None, "")),
     "radius": (lambda x: shapes.sphere(x, 1), (-1, 0, math.nan, math.inf, "big", (1, 2))),
-    "size": (lambda x: shapes.box(x, 1), ((1, 1), (1, -1, 1), (0, 1, 1), 2.0, None)),
+    "size": (lambda x: shapes.box(x, 1), ((1, 1), (1, -1, 1), (True,) * 3, 2.0, None)),
     "sides": (lambda x: shapes.cylinder(1, 1, 1, sides=x), (2, -3, 4.5, 10**9)),
     "points": (lambda x: shapes.convex_hull(x, 1), (np.eye(3), np.eye(4, 2), np.zeros(9), 3)),
-    "density": (lambda x: shapes.box((1, 1, 1), x), (0, -1, None, math.nan)),
+    "density": (lambda x: shapes.box((1, 1, 1), x), (0, -1, None, math.nan, True)),
     "position": (lambda x: shapes.box((1, 1, 1), 1, x), ((1, 2), math.nan, "here")),
     "force": (lambda x: pair()[0].set_force(x), ((1, 2), None, (0, 0, math.nan))),
+    "load": (lambda x: setattr(pair()[0], "load", x), (3, "x", (1, 2), ((1, 2, 3), (4, 5)), True)),
     "point": (lambda x: pair()[0].vertex_at(x), ((1, 2), None, (9, 9, 9))),
 }
 

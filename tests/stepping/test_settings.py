@@ -9,12 +9,13 @@ import pytest
 from oracles import box_body, ground
 from program import call
 
+from rbs.geometry.triples import shown_value
 from rbs.scenes.settingtexts import TEXTS
 from rbs.stepping.settings import SETTINGS, Settings, step_arguments
 from RBSFunctions import run_timestep
 
 WRONG = {
-    "restitution": [-0.01, 1.01, math.nan, math.inf, "much", None, [0.5, 0.5]],
+    "restitution": [-0.01, 1.01, math.nan, math.inf, "much", None, [0.5, 0.5], np.True_],
     "timeStep": [0.0, -0.02, 1e-13, 1001.0, math.nan, None],
     "gravity": [
         -9.8,
@@ -27,9 +28,9 @@ WRONG = {
         [0, 1.1e6, 0],
         "123",
     ],
-    "friction": [-0.1, math.nan, math.inf, None, "0.5"],
+    "friction": [-0.1, math.nan, math.inf, None, "0.5", True],
     "contactSolver": ["simplex", None, 3],
-    "substeps": [0, 1001, 2.5, math.inf, math.nan, None],
+    "substeps": [0, 1001, 2.5, math.inf, math.nan, None, True],
     "sleeping": ["no", None, 2],
     "ground": ["no", None, 2],
     "broadPhase": ["tree"],
@@ -52,7 +53,8 @@ def test_a_wrong_value_is_refused_by_name_and_changes_nothing(one):
     settings = Settings(contactSolver=solver)
     before = asdict(settings)
     for value in WRONG[one.name]:
-        with pytest.raises(ValueError, match=f"^{one.name} must be "):
+        told = f"^{one.name} must be .*, not {re.escape(shown_value(value))}"
+        with pytest.raises(ValueError, match=told):
             Settings(**{"contactSolver": solver, one.name: value})
         with pytest.raises(ValueError, match=f"^{one.name} must be "):
             settings.change(one.name, value)
