@@ -8,11 +8,6 @@ The default is out/submission.zip. Identical files give identical bytes. The cou
 and grader data are not included.
 """
 
-import signal
-
-if __name__ == "__main__":  # Ctrl-C ends it without a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 import argparse
 import re
 import sys
