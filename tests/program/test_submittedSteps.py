@@ -289,11 +289,12 @@ def test_ctrl_c_counts_whatever_a_students_code_makes_of_it(outcome, tmp_path, p
 
 
 def test_what_a_students_code_leaves_does_not_outlive_the_program(tmp_path):
-    left = "import atexit, threading, time\natexit.register(time.sleep, 900)\n"
-    left += "threading.Thread(target=time.sleep, args=[900]).start()\n"
+    left = "import atexit, threading\natexit.register(open, 'late', 'w')\n"
+    left += "threading.Timer(60.0, open, ['later', 'w']).start()\n"
     student = write_submission(tmp_path / "student", [("import os\n", f"{left}import os\n")])
     process = start(tmp_path, "tower", "--steps", 2, "--functions", student)
     assert "no difference" in process.communicate(timeout=300)[0] and process.returncode == 0
+    assert [one.name for one in tmp_path.iterdir()] == ["student"]
 
 
 def test_code_runs_in_its_folder_and_the_program_in_its_own(tmp_path, program):
