@@ -292,7 +292,7 @@ def test_what_a_students_code_leaves_does_not_outlive_the_program(tmp_path):
     left = "import atexit, threading\natexit.register(open, 'late', 'w')\n"
     left += "threading.Timer(60.0, open, ['later', 'w']).start()\n"
     student = write_submission(tmp_path / "student", [("import os\n", f"{left}import os\n")])
-    process = start(tmp_path, "tower", "--steps", 2, "--functions", student)
+    process = start(tmp_path, "tower", "--headless", "--steps", 2, "--functions", student)
     assert "no difference" in process.communicate(timeout=300)[0] and process.returncode == 0
     assert [one.name for one in tmp_path.iterdir()] == ["student"]
 
