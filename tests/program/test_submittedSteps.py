@@ -65,6 +65,7 @@ NO_SPIN = "total + np.sum(c1 * (c1 @ invI1.T)) + ", "total + "
 EVEN_SHARES = "invMasses[1] / total * push", "0.5 * push"
 LAST_BLOCK = "-n, -np.cross(r2, n)", "-n, np.cross(r2, n)"
 UNTURNED = "R @ self.invIT @ R.T", "self.invIT"
+GROUND_TURNS = "m2.get_rotated_inv_IT()", "invI1"
 HALF_GRAVITY = "timeStep * gravity", "0.5 * timeStep * gravity"
 NO_TORQUE = "j * c1 @ invI1.T\n    m2.angV", "0.0\n    m2.angV"
 ASIDE = "    m1.update_vertices", "    m1.orientation = m1.orientation[:, ::-1]"
@@ -72,6 +73,7 @@ ASIDE = "    m1.update_vertices", "    m1.orientation = m1.orientation[:, ::-1]"
 WRONG = [
     ("mixed", NO_SPIN, 43, "K", "leaves out the rotational part"),
     ("mixed", UNTURNED, 43, "K", "inertia tensor is not turned to world axes"),
+    ("mixed", GROUND_TURNS, 43, "K", "mesh 1's inertia tensor is used for mesh 2 as well"),
     ("mixed", NO_TORQUE, 43, "ω1′", "the angular velocities stay as they were"),
     ("tower_chain", EVEN_SHARES, 27, "COM2′", "half of the correction"),
     ("tower_chain", LAST_BLOCK, 27, "ω2′", "the last block of J has the wrong sign"),
@@ -87,6 +89,7 @@ def test_the_first_difference_is_named(scene, edit, step, symbol, hint, tmp_path
     assert found.step == step == theirs.stepCount and hint in found.hint
     assert symbol in found.symbols if symbol else found.state.name == "orientation"
     assert all("theirs" in line for line in found.lines(theirs.meshes)[bool(symbol) :])
+    theirs.step()
 
 
 FRICTION = """    slip = m1.linVelocity + np.cross(m1.angVelocity, r1) - m2.linVelocity
