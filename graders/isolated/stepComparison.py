@@ -32,13 +32,7 @@ from rbs.program.submissions import CAUSE_LENGTH, FUNCTIONS, METHODS, POSITION, 
 from rbs.program.submittedsteps import returned
 from rbs.scenes.messages import short
 from rbs.scenes.scenefiles import scene_rows
-from rbs.scenes.simulation import (
-    TURN,
-    TURNED_BACK,
-    SceneSimulation,
-    is_turned_back,
-    turned_back,
-)
+from rbs.scenes.simulation import TURN, TURNED_BACK, SceneSimulation, is_turned_back, turned_back
 from rbs.stepping.meshes import STATE_WIDTHS
 from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE

@@ -87,8 +87,7 @@ TEXTS = {
             "solver",
         ),
         SettingText(
-            "substeps",
-            "substeps per step; with more, contacts are stiffer and a step takes longer",
+            "substeps", "substeps per step; with more, contacts are stiffer and a step takes longer"
         ),
         SettingText(
             "sleeping",

@@ -86,11 +86,7 @@ def convex_hull(
 
 
 def box(
-    size: ArrayLike,
-    density: float,
-    position: ArrayLike = ZERO,
-    name: str = "box",
-    **others: Any,
+    size: ArrayLike, density: float, position: ArrayLike = ZERO, name: str = "box", **others: Any
 ) -> Mesh:
     """Makes a box with sides (3,) along x, y and z. The rest is as for `convex_hull`."""
     points = _lengths(name, "size", size, 3) * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)

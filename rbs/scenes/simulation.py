@@ -23,14 +23,7 @@ from rbs.glass.trace import Difference, first_difference, same, state_difference
 from rbs.scenes.messages import counted
 from rbs.scenes.scene import Scene
 from rbs.scenes.scenefiles import BodySource, SceneSource, check_shape, scene_name
-from rbs.scenes.state import (
-    STATE_NAMES,
-    State,
-    removed_from,
-    rows_of,
-    set_numbers,
-    without_body,
-)
+from rbs.scenes.state import STATE_NAMES, State, removed_from, rows_of, set_numbers, without_body
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import Snapshot, StateError
 from rbs.stepping.settings import BY_PARAMETER, SETTINGS, Settings

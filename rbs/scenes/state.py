@@ -158,12 +158,7 @@ class Energies:
 
 
 # The changes of a body's numbers, and the columns of `rows_of` that each sets.
-COLUMNS_OF = {
-    "inertia": INERTIA,
-    "force": LOAD,
-    "move": slice(0, 7),
-    "velocity": slice(7, 13),
-}
+COLUMNS_OF = {"inertia": INERTIA, "force": LOAD, "move": slice(0, 7), "velocity": slice(7, 13)}
 
 
 class Change(NamedTuple):

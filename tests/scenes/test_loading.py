@@ -8,13 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from foreignFiles import (
-    CUBE,
-    OBJ,
-    TETRAHEDRON,
-    cases,
-    soup_text,
-)
+from foreignFiles import CUBE, OBJ, TETRAHEDRON, cases, soup_text
 from oracles import COURSE, ROOT, state_of
 from program import call
 
