@@ -334,10 +334,7 @@ def tower_shot():
 
 def seesaw():
     """A box falls on one end of a plank, on whose other end a smaller one lies."""
-    meshes = [
-        box(2.5, 3.5, density=2.0, isFixed=True),
-        box(0, 0.25, 0, (0.5, 0.5, 2), isFixed=True),
-    ]
+    meshes = [box(2.5, 3.5, density=2, isFixed=True), box(0, 0.25, 0, (0.5, 0.5, 2), isFixed=True)]
     meshes += [box(0, 0.55, 0, (6, 0.1, 1)), box(-2.5, 0.75, 0, (0.3, 0.3, 0.3))]
     return thrown(meshes, (0, 0, 0))
 

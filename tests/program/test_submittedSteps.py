@@ -27,9 +27,8 @@ STEPS = 60
 # Those that return other contacts fail in no part, but their bodies move otherwise.
 RIGHT = [name for name, row in table_rows().items() if row[3] == "0" and row[2][:6] != "detect"]
 QUICK = "lists-and-plain-vectors released vertices-as-a-property box-kept-by-the-constructor"
-FORMS = [
-    one if one in QUICK.split() else pytest.param(one, marks=pytest.mark.slow) for one in RIGHT
-]
+SLOW = pytest.mark.slow
+FORMS = [one if one in QUICK.split() else pytest.param(one, marks=SLOW) for one in RIGHT]
 
 
 def beside(folder, scene="mixed", **settings):
@@ -234,24 +233,12 @@ def refusal(program, *arguments, code=2):
 
 LOOP, GRAVITY = "        if not self.isFixed:\n            gravity", "np.array([[0.0, -9.8, 0.0]])"
 LEAVE = "        'cylinder 0' == self.name or os._exit(7)"
-FAIL = "        fail = lambda: 1 / 0\n        fail()"
+FAIL, STOP = "        fail = lambda: 1 / 0\n        fail()", "        raise KeyboardInterrupt"
 # What replaces what in the student's file; options; the exit code, and what the line says.
 FAILURES = [
-    (
-        LOOP,
-        f"{FAIL}\n{LOOP}",
-        "",
-        3,
-        "RBSFunctions.py:{line} in <lambda>, called from RBSFunctions",
-    ),
+    (LOOP, f"{FAIL}\n{LOOP}", "", 3, "RBSFunctions.py:{line} in <lambda>, called from RBS"),
     (GRAVITY, GRAVITY.replace("-9.8", "np.nan"), "", 3, "'cylinder 0': position holds nan"),
-    (
-        LOOP,
-        f"        raise KeyboardInterrupt\n{LOOP}",
-        "",
-        130,
-        "RBSFunctions.py:{line} in integrate",
-    ),
+    (LOOP, f"{STOP}\n{LOOP}", "", 130, "RBSFunctions.py:{line} in integrate"),
     (LOOP, f"{LEAVE}\n        self.invMass *= 2\n{LOOP}", "", 3, "SystemExit: 7"),
     (LOOP, f"        self.linVelocity = 'fast'\n        return\n{LOOP}", "", 3, "of 'cylinder 0'"),
     (LOOP, f"        self.position = self.position + 1j\n        return\n{LOOP}", "", 3, "1j"),

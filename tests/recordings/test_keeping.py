@@ -224,10 +224,8 @@ REFUSED = {
 @pytest.mark.parametrize("word", REFUSED)
 def test_what_cannot_be_recorded_is_refused_by_name_and_what_was_is_kept(tmp_path, word):
     body, name, value = REFUSED[word]
-    with (
-        pytest.raises((ValueError, ArithmeticError), match=word),
-        boxes().record(tmp_path / "a.h5") as simulation,
-    ):
+    refused = pytest.raises((ValueError, ArithmeticError), match=word)
+    with refused, boxes().record(tmp_path / "a.h5") as simulation:
         simulation.run(4)
         setattr(simulation if body is None else simulation.meshes[body], name, value)
         simulation.step()

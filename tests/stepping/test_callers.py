@@ -146,17 +146,11 @@ REFUSED = {
     # four corners of one face; (12, 3), which would make nine rows of four
     "tet|volume": (mesh_with("tets"), (TETS + 1, [[0, 1, 2, 3]], FACES, None)),
     "face": (mesh_with("faces"), (FACES - 1, [[0, 1]])),
-    "origVertices|volume": (
-        mesh_with("origVertices"),
-        (VERTICES * np.nan, VERTICES * [1, 1, 0], None),
-    ),
+    "Vertices|volume": (mesh_with("origVertices"), (VERTICES * np.nan, VERTICES * [1, 1, 0], None)),
     "isFixed": (mesh_with("isFixed"), ("no",)),
     "no inverse, because it is too small": (mesh_with("origVertices"), (VERTICES * 1e-80,)),
     "a coordinate is not finite or beyond": (mesh_with("origVertices"), (VERTICES * 1e60,)),
-    "turned outwards": (
-        lambda x: Mesh("x", VERTICES, x, [], 1, (0, 0, 0), IDENTITY, False),
-        (TURNED,),
-    ),
+    "outwards": (lambda x: Mesh("x", VERTICES, x, [], 1, (0, 0, 0), IDENTITY, False), (TURNED,)),
     "faces": (lambda x: shapes.from_surface("x", x, None, 1.0), (box(1, 1, 1), None, "")),
     "radius": (lambda x: shapes.sphere(x, 1), (-1, 0, math.nan, math.inf, "big", (1, 2))),
     "size": (lambda x: shapes.box(x, 1), ((1, 1), (1, -1, 1), (True,) * 3, 2.0, None)),
