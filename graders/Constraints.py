@@ -20,7 +20,7 @@ from reference import rigidModel as model
 from reference.graderData import CONSTRAINT_LAYOUT
 from verdict.parts import Grader, Part, few_samples, first_of
 
-POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
+from rbs.program.submissions import POSITION, VELOCITY
 
 
 def bounds(data):

@@ -137,13 +137,10 @@ class Ledger:
         """Writes all. Raises OSError once the rest is written."""
         rows, trouble = self.in_order(), []
         told = json.dumps({row["submission"]: row for row in rows}, indent=1, ensure_ascii=False)
-        for write, *given in (
-            *((write_text, *pair) for pair in self._texts.items()),
-            (write_text, self._table, told),
-            (sheets.write_rows, self._table.with_suffix(".csv"), COLUMNS, rows),
-        ):
+        tables = {self._table: told, self._table.with_suffix(".csv"): sheets.csv_of(COLUMNS, rows)}
+        for path, text in (self._texts | tables).items():
             try:
-                write(*given)
+                write_text(path, text)
             except OSError as error:  # such as a table that is open in Excel
                 trouble.append(error)
         if trouble:

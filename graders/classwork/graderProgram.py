@@ -44,10 +44,8 @@ def run_grader(description, grader):
 
     def main(arguments):
         data = grader.load(arguments.data, arguments.seed)
-        remarks = [
-            f"data {arguments.data / grader.fileName}; samples from {data['inFile']} on are fresh"
-        ]
-        remarks[0] += f", by --seed {arguments.seed}"
+        fresh = f"samples from {data['inFile']} on are fresh, by --seed {arguments.seed}"
+        remarks = [f"data {arguments.data / grader.fileName}; {fresh}"]
         if arguments.modules is None:
             import Quaternion
             import RBSFunctions
@@ -76,8 +74,7 @@ def what_next(grader, grade):
     wrong = [one.part.split()[0] for one in grade.quantities if not one.isRight]
     if not wrong:
         return [f"Next: {NEXT[grader.module]}"]
-    marks = f", {SCHEME[wrong[0]]} marks" if wrong[0] in SCHEME else ""
-    return [f"Next: {wrong[0]}{marks}"]
+    return [f"Next: {wrong[0]}" + (f", {SCHEME[wrong[0]]} marks" if wrong[0] in SCHEME else "")]
 
 
 def make_parser(description, seconds=30):

@@ -274,11 +274,9 @@ class Comparison:
     def _run(self, meshes, functions, **options):
         settings = self.ours.settings
         step = settings.timeStep, settings.restitution, True, self.ours.constraints
-        options = self._usual | options
+        given = self._usual | {"functions": functions} | options
         with np.errstate(all="ignore"):
-            RBSFunctions.run_timestep(
-                meshes[:-1], meshes[-1], *step, functions=functions, **options
-            )
+            RBSFunctions.run_timestep(meshes[:-1], meshes[-1], *step, **given)
 
     def _explain(self, start, told, events):
         """Tells where our step by the student's functions first leaves ours."""
