@@ -33,8 +33,8 @@ def bounds(data):
 
 def rates(data):
     """The tolerance, those that |J v| is within, and beyond, and right tensors."""
-    given = {"tolerance": model.VELOCITY_TOLERANCE} | model.velocity_tolerances(data)
-    return given | {"tensors": np.stack(model.pair_of(data).T, axis=1)}
+    given = {"tolerance": model.VELOCITY_TOLERANCE, "tensors": np.stack(model.pair_of(data).T, 1)}
+    return given | model.drawn_tolerances(model.distance_rates(data), data)
 
 
 def moving_samples(data):

@@ -91,12 +91,6 @@ def print_table(rows):
         print("  ".join(map(str.ljust, row, widths)).rstrip())
 
 
-def common_remarks(rows):
-    """The remarks that more than half of a class have, which are said once: a dict to how many."""
-    told = Counter(one for row in rows for one in row["remarks"])
-    return {one: count for one, count in told.items() if count > max(FEWEST, 0.5 * len(rows))}
-
-
 def summary_of(rows):
     """Returns lines on the class: marks, failing parts, commonest notes, and what needs attention.
 
@@ -109,12 +103,14 @@ def summary_of(rows):
     waiting = [f"{row['submission']}: {one_line(row['remarks'][0])}" for row in waiting]
     failed = Counter(part for row in rows for part in row["failed"])
     notes = Counter(note for row in rows for note in row["notes"])
+    told = Counter(one for row in rows for one in row["remarks"]).items()
+    common = [one for one in told if one[1] > max(FEWEST, 0.5 * len(rows))]  # which are said once
     looks = [(row, one) for row in rows for one in row["remarks"] if one.startswith(LOOK)]
     return [
         f"marks: mean {mean}{left}",
         *(f"needs attention: {one}" for one in waiting),
         *(f"{row['submission']}: {one_line(one)}" for row, one in looks),
-        *(f"{count:4} of {len(rows)}: {one_line(k)}" for k, count in common_remarks(rows).items()),
+        *(f"{count:4} of {len(rows)}: {one_line(k)}" for k, count in common),
         *(f"{count:4} of {len(rows)} fail: {part}" for part, count in failed.most_common()),
         *(f"{count:4} x {one_line(note)}" for note, count in notes.most_common(MOST_NOTES)),
     ]

@@ -265,11 +265,7 @@ def velocity_constraints(data):
     return results | {"correctedAngVelocities": np.where(isKept, pair.w, angular)}
 
 
-def velocity_tolerances(data):
-    """Tolerances that |J v| is within, and beyond, in each sample."""
-    return drawn_tolerances(distance_rates(data), data)
-
-
 def distance_rates(data):
+    """|J v| in each sample."""
     pair = pair_of(data)
     return np.abs(stop(pair, *constrained_points(data, pair))[0])
