@@ -41,17 +41,15 @@ def picture_options(given):
     ):
         for value in values:
             if value not in choices:
-                raise ValueError(
-                    f"{name} must be one of {', '.join(choices)}, not {shown_value(value)}"
-                )
+                known = ", ".join(choices)
+                raise ValueError(f"{name} must be one of {known}, not {shown_value(value)}")
     size = checked_numbers("size", options.size, 2, 1, np.int64)[0].tolist()
     options.size = tuple(checked_count(one, "each side of size", *PICTURE_SIZES) for one in size)
     if isinstance(options.camera, str | Path):
         options.camera = load_camera(options.camera)
     elif not isinstance(options.camera, Camera | None):
-        raise TypeError(
-            f"camera must be the path of a camera file, not {shown_value(options.camera)}"
-        )
+        given = shown_value(options.camera)
+        raise TypeError(f"camera must be the path of a camera file, not {given}")
     return options
 
 

@@ -126,10 +126,8 @@ class Energies:
 
     def kinetic_energy(self) -> float:
         """Returns the kinetic energy of all free bodies, in J: ½ m v² + ½ ωᵀ I ω."""
-        v, (spin, spinMomentum) = self._free("linVelocity", 3), self._spin()
-        return float(
-            0.5 * np.sum(self._free("mass", 1) * v * v) + 0.5 * np.sum(spin * spinMomentum)
-        )
+        v, m, (spin, turned) = self._free("linVelocity", 3), self._free("mass", 1), self._spin()
+        return float(0.5 * np.sum(m * v * v) + 0.5 * np.sum(spin * turned))
 
     def momentum(self) -> np.ndarray:
         """Returns the momentum (3,) of all free bodies, in kg m/s: m v."""

@@ -452,14 +452,12 @@ class Glass:
         own.sort(key=lambda row: -abs(row[1].impulse))
         if not own:
             return
-        prefix = prefix_of(abs(own[0][1].impulse))
-        unit_text = f"{prefix}N s"
-        psim.TextDisabled(f"{counted(len(own), 'contact')}; impulse in {unit_text}")
+        most = own[0][1].impulse
+        scale = PREFIXES[prefix := prefix_of(abs(most))]
+        psim.TextDisabled(f"{counted(len(own), 'contact')}; impulse in {prefix}N s")
         for number, one in own[:LISTED_CONTACTS]:
             other = one.body2 if one.body1 == picked else one.body1
             name = "the ground" if other == GROUND else meshes[other].name
-            value = widgets.fixed_digits(
-                one.impulse / PREFIXES[prefix], own[0][1].impulse / PREFIXES[prefix]
-            )
+            value = widgets.fixed_digits(one.impulse / scale, most / scale)
             if widgets.draw_row(f"{name}###contact {number}", value):
                 self.show_contact(number)
