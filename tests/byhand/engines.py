@@ -31,6 +31,11 @@ from RBSFunctions import run_timestep
 TIME_STEP, EARTH = 0.02, (0.0, -9.8, 0.0)
 
 
+def throw(mesh, velocity=(0, 0, 0), spin=(0, 0, 0)):
+    mesh.linVelocity, mesh.angVelocity = np.array([velocity], float), np.array([spin], float)
+    return mesh
+
+
 class Own:
     """This program: takes the settings of `run_timestep`."""
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from benchmark import describe_machine
-from engines import ENGINES, OWN, TIME_STEP, heap_states
+from engines import ENGINES, OWN, TIME_STEP, heap_states, throw
 from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
@@ -55,11 +55,6 @@ def run(engine, meshes, seconds, h=TIME_STEP, e=0.0, mu=0.5, act=None, watch=Non
 
 def box(x=0.0, y=0.5, z=0.0, sides=(1.0, 1.0, 1.0), **settings):
     return box_body(*sides, (x, y, z), **settings)
-
-
-def throw(mesh, velocity=(0, 0, 0), spin=(0, 0, 0)):
-    mesh.linVelocity, mesh.angVelocity = np.array([velocity], float), np.array([spin], float)
-    return mesh
 
 
 def above(mesh, gap=0.0):

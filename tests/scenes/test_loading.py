@@ -117,9 +117,7 @@ SOUPS = [
 
 
 @pytest.mark.parametrize(("ending", "wrong", "form", "isMerged"), SOUPS)
-def test_corners_are_merged_within_the_rounding_of_the_file(
-    tmp_path, ending, wrong, form, isMerged
-):
+def test_corners_are_merged_within_the_rounding_of_a_file(tmp_path, ending, wrong, form, isMerged):
     pytest.importorskip("trimesh")
     path = write(tmp_path, f"a.{ending}", soup_text(ending, wrong, form))
     if not isMerged:
