@@ -57,18 +57,14 @@ OF_VELOCITIES = {"model": model.velocity_constraints, "inputs": rates}
 FEW_POSITIONS = OF_POSITIONS | {"samples": few_samples, "isExtra": True}
 FEW_VELOCITIES = OF_VELOCITIES | {"samples": moving_samples, "isExtra": True}
 TOLERANCE, CHECK = "and its tolerance", "check_velocity_tolerance"
-GRADER = Grader(
-    "Constraints",
-    "Resolution of distance constraints",
-    "constraint-resolution.data",
-    CONSTRAINT_LAYOUT,
-    (
-        Part(POSITION, UPPER | LOWER, "resolve_positions", **OF_POSITIONS),
-        Part(f"{POSITION} {TOLERANCE}", POSITION_FLAGS, "check_tolerances", **FEW_POSITIONS),
-        Part(VELOCITY, VELOCITIES, "resolve_velocities", **OF_VELOCITIES),
-        Part(f"{VELOCITY} {TOLERANCE}", VELOCITY_FLAGS, CHECK, **FEW_VELOCITIES),
-    ),
+PARTS = (
+    Part(POSITION, UPPER | LOWER, "resolve_positions", **OF_POSITIONS),
+    Part(f"{POSITION} {TOLERANCE}", POSITION_FLAGS, "check_tolerances", **FEW_POSITIONS),
+    Part(VELOCITY, VELOCITIES, "resolve_velocities", **OF_VELOCITIES),
+    Part(f"{VELOCITY} {TOLERANCE}", VELOCITY_FLAGS, CHECK, **FEW_VELOCITIES),
 )
+TITLE, DATA = "Resolution of distance constraints", "constraint-resolution.data"
+GRADER = Grader("Constraints", TITLE, DATA, CONSTRAINT_LAYOUT, PARTS)
 
 if __name__ == "__main__":
     sys.exit(run_grader(__doc__, GRADER))
