@@ -185,7 +185,8 @@ class Simulation(Results, SceneSimulation):
         angVelocities (count, n, 3).
         """
         rows = [rows_of(self.run(1).meshes) for _ in range(checked_count(count, "count"))]
-        return {name: np.array(rows)[..., one] for name, one in COLUMNS.items()}
+        rows = np.array([rows_of(self.meshes), *rows])[1:]  # of this shape, also without steps
+        return {name: rows[..., one] for name, one in COLUMNS.items()}
 
     @classmethod
     def resume(cls, path: str | Path, step: int | None = None) -> Self:

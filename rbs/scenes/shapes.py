@@ -45,10 +45,8 @@ def from_surface(
         if faces is None:
             surface = vertices.to_mesh() if hasattr(vertices, "to_mesh") else vertices
             vertices, faces = surface.vertices, surface.faces
-        vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
-        vertices, faces = clean_surface(vertices, faces)
-        if not np.isfinite(vertices).all():
-            raise ValueError("a vertex is not finite")
+        vertices = checked_numbers("vertices", vertices, 3)
+        vertices, faces = clean_surface(vertices, np.array(faces, dtype=np.int64))
         faces = close_surface(f"mesh {name}", vertices, faces, stacklevel=2)
         vertices, faces = clean_surface(vertices, faces)
         vertices, faces, tets = fill_surface(vertices, faces)
