@@ -38,7 +38,7 @@ from tqdm import tqdm
 from rbs.program.parsing import number_type
 from rbs.program.submissions import SubmissionError
 from rbs.scenes.files import atomic_write
-from rbs.scenes.messages import one_line
+from rbs.scenes.messages import InputError, one_line
 
 GRADERS = (integrationGrading.GRADER, ResolveCollisionsGrading.GRADER, Constraints.GRADER)
 
@@ -196,6 +196,8 @@ def main(arguments):
     begin, out = time.perf_counter(), arguments.out
     data = {one.module: one.load(arguments.data, arguments.seed) for one in GRADERS}
     if arguments.results:
+        if len(arguments.submissions) > 1:
+            raise InputError(f"--results is of one submission, not of {len(arguments.submissions)}")
         handIns = [HandIn("submission", Path(arguments.submissions[0]).resolve())]
         arguments.results = arguments.results.resolve()
     else:

@@ -21,17 +21,14 @@ WRONG = {
     "friction": [-0.1, math.nan, math.inf, None, "0.5", True],
     "contactSolver": ["simplex", None, 3],
     "substeps": [0, 1001, 2.5, math.inf, math.nan, None, True],
-    "sleeping": ["no", None, 2],
-    "ground": ["no", None, 2],
     "broadPhase": ["tree"],
     "contactScheduling": ["queue", None],
-    "gyroscopic": [None],
-    "enforceConstraints": ["no", None],
-    "linkedBodiesCollide": ["no", None],
     "constraintScheduling": ["quick", ["sweep"]],
     "maxIterations": [-1, 0.5, math.inf],
     "tolerance": [-1.0, math.nan],
 }
+FLAGS = "sleeping", "ground", "gyroscopic", "enforceConstraints", "linkedBodiesCollide"
+WRONG |= dict.fromkeys(FLAGS, ["no", None, 2])
 STEP = {"meshes": [], "groundMesh": ground(), "timeStep": 0.02, "CRCoeff": 0.5}
 # Allowed in a step, where they have a meaning or are the same formula.
 ALLOWED_IN_STEP = {"restitution": (-0.01, 1.01), "timeStep": (0.0, 1e-13, 1001.0)}
