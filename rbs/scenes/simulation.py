@@ -19,13 +19,14 @@ from Quaternion import Q2RotMatrix
 from rbs.geometry.triples import shown_value
 from rbs.glass.mistakes import mistake_in
 from rbs.glass.model import in_world_axes
-from rbs.glass.trace import Difference, first_difference, same, state_difference
+from rbs.glass.trace import Difference, first_difference, labels, same, state_difference
 from rbs.scenes.messages import counted
 from rbs.scenes.scene import Scene
 from rbs.scenes.scenefiles import BodySource, SceneSource, check_shape, scene_name
 from rbs.scenes.state import STATE_NAMES, State, removed_from, rows_of, set_numbers, without_body
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import Snapshot, StateError
+from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import BY_PARAMETER, SETTINGS, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
@@ -246,7 +247,7 @@ class Beside:
         self.ours.advance()
         if self.difference is not None:
             return
-        names = [*(mesh.name for mesh in theirs.meshes), "the ground"]
+        names = labels([*range(len(theirs.meshes)), GROUND], theirs.meshes)
         ours, others = ([*one.meshes, one.groundMesh][: len(names)] for one in (self.ours, theirs))
         if state := state_difference(ours, others, names):
             found = self._explain(theirs, theirs.stepCount)
