@@ -12,9 +12,10 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 import math
 import signal
 
-if __name__ == "__main__":  # before and after `main`, Ctrl-C ends it without a traceback
+if __name__ == "__main__":  # until `main` begins, Ctrl-C ends it without a traceback
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
+import os
 import sys
 import warnings
 from contextlib import closing
@@ -37,7 +38,7 @@ from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes import files, scenefiles, shapes
 from rbs.scenes.meshfiles import NonConvexWarning, load_mesh_file
-from rbs.scenes.messages import InputError, print_error, shown_path
+from rbs.scenes.messages import InputError, cause_of, print_error, shown_path
 from rbs.scenes.scene import steps_of_run
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
 from rbs.scenes.settingtexts import changed_settings, note_recommended
@@ -68,12 +69,25 @@ def main(arguments: list[str] | None = None) -> int:
             with files.signals_kept():
                 return run_mode(options)
         except Outputs.errors as error:
-            headless.report(error)
+            print_error(cause_of(error))
         except KeyboardInterrupt as error:
             number, *place = error.args or (signal.SIGINT,)
             print_error(f"stopped by {files.SIGNAL_NAMES[number]}{''.join(place)}")
             return 128 + number
     return 2
+
+
+def program():
+    """Runs `main`, and ends the process whatever threads and exit handlers a student's code has
+    left.
+    """
+    code = main()
+    try:
+        headless.show(end="", flush=True)
+    except OSError as error:
+        print_error(cause_of(error))
+        code = 2
+    os._exit(code)
 
 
 def run_mode(options):
@@ -122,7 +136,7 @@ def run_outputs(simulation, options, pictureOptions, every=None, backend=None):
     every : steps between screenshots; backend : a `Backend`, or None to find one if it is needed
     """
     steps, given = steps_of_run(simulation, options.steps), {"export": (pictureOptions.colouring,)}
-    with closing(Outputs(headless.report)) as outputs:
+    with closing(Outputs(lambda error: print_error(cause_of(error)))) as outputs:
         if options.screenshots or options.video:
             view = start_drawing(simulation, pictureOptions, backend)
             given["video"] = frames_of(view, options.every)
@@ -168,4 +182,4 @@ def run_verify(options, submitted):
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

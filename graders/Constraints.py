@@ -7,6 +7,11 @@ As in the release, the upper and then the lower bound are resolved on the same a
 velocities with uncorrected positions.
 """
 
+import signal
+
+if __name__ == "__main__":  # until `main` begins, Ctrl-C ends it without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import sys
 
 import numpy as np
@@ -15,7 +20,7 @@ from reference import rigidModel as model
 from reference.graderData import CONSTRAINT_LAYOUT
 from verdict.parts import Grader, Part, few_samples, first_of
 
-POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
+from rbs.program.submissions import POSITION, VELOCITY
 
 
 def bounds(data):
@@ -28,8 +33,8 @@ def bounds(data):
 
 def rates(data):
     """The tolerance, those that |J v| is within, and beyond, and right tensors."""
-    given = {"tolerance": model.VELOCITY_TOLERANCE} | model.velocity_tolerances(data)
-    return given | {"tensors": np.stack(model.pair_of(data).T, axis=1)}
+    given = {"tolerance": model.VELOCITY_TOLERANCE, "tensors": np.stack(model.pair_of(data).T, 1)}
+    return given | model.drawn_tolerances(model.distance_rates(data), data)
 
 
 def moving_samples(data):
@@ -52,18 +57,14 @@ OF_VELOCITIES = {"model": model.velocity_constraints, "inputs": rates}
 FEW_POSITIONS = OF_POSITIONS | {"samples": few_samples, "isExtra": True}
 FEW_VELOCITIES = OF_VELOCITIES | {"samples": moving_samples, "isExtra": True}
 TOLERANCE, CHECK = "and its tolerance", "check_velocity_tolerance"
-GRADER = Grader(
-    "Constraints",
-    "Resolution of distance constraints",
-    "constraint-resolution.data",
-    CONSTRAINT_LAYOUT,
-    (
-        Part(POSITION, UPPER | LOWER, "resolve_positions", **OF_POSITIONS),
-        Part(f"{POSITION} {TOLERANCE}", POSITION_FLAGS, "check_tolerances", **FEW_POSITIONS),
-        Part(VELOCITY, VELOCITIES, "resolve_velocities", **OF_VELOCITIES),
-        Part(f"{VELOCITY} {TOLERANCE}", VELOCITY_FLAGS, CHECK, **FEW_VELOCITIES),
-    ),
+PARTS = (
+    Part(POSITION, UPPER | LOWER, "resolve_positions", **OF_POSITIONS),
+    Part(f"{POSITION} {TOLERANCE}", POSITION_FLAGS, "check_tolerances", **FEW_POSITIONS),
+    Part(VELOCITY, VELOCITIES, "resolve_velocities", **OF_VELOCITIES),
+    Part(f"{VELOCITY} {TOLERANCE}", VELOCITY_FLAGS, CHECK, **FEW_VELOCITIES),
 )
+TITLE, DATA = "Resolution of distance constraints", "constraint-resolution.data"
+GRADER = Grader("Constraints", TITLE, DATA, CONSTRAINT_LAYOUT, PARTS)
 
 if __name__ == "__main__":
     sys.exit(run_grader(__doc__, GRADER))

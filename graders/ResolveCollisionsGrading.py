@@ -7,6 +7,11 @@
 detection, which the coursework supplies.
 """
 
+import signal
+
+if __name__ == "__main__":  # until `main` begins, Ctrl-C ends it without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import sys
 
 import numpy as np
@@ -33,18 +38,13 @@ STATES = {f"result{name}, mesh {k}": width for name, width in WIDTHS.items() for
 FURTHER = "resolve_collision with fixed meshes and the ground"
 UNSEEN = {"a fixed mesh's state": 13, "on the ground": 13, "currVertices": 1}
 EXTRA = {"inputs": contacts, "samples": colliding_samples, "isExtra": True}
-MORE = model.further_resolution
-GRADER = Grader(
-    "ResolveCollisionsGrading",
-    "Resolution of collisions",
-    "collision-resolution.data",
-    COLLISION_LAYOUT,
-    (
-        Part("get_rotated_inv_IT", {TENSOR: 9}, "rotate_tensor", model.rotated_tensors, **UNIT),
-        Part("resolve_collision", STATES, "resolve", model.resolution, contacts),
-        Part(FURTHER, UNSEEN, "resolve_further", MORE, **EXTRA),
-    ),
+PARTS = (
+    Part("get_rotated_inv_IT", {TENSOR: 9}, "rotate_tensor", model.rotated_tensors, **UNIT),
+    Part("resolve_collision", STATES, "resolve", model.resolution, contacts),
+    Part(FURTHER, UNSEEN, "resolve_further", model.further_resolution, **EXTRA),
 )
+TITLE, DATA = "Resolution of collisions", "collision-resolution.data"
+GRADER = Grader("ResolveCollisionsGrading", TITLE, DATA, COLLISION_LAYOUT, PARTS)
 
 if __name__ == "__main__":
     sys.exit(run_grader(__doc__, GRADER))

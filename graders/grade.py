@@ -9,6 +9,11 @@ and a summary of the class are printed. The exit code is 0 if all pass, 1 if one
 nothing can be graded.
 """
 
+import signal
+
+if __name__ == "__main__":  # until `main` begins, Ctrl-C ends it without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import json
 import os
 import sys
@@ -33,7 +38,7 @@ from tqdm import tqdm
 from rbs.program.parsing import number_type
 from rbs.program.submissions import SubmissionError
 from rbs.scenes.files import atomic_write
-from rbs.scenes.messages import one_line
+from rbs.scenes.messages import InputError, one_line
 
 GRADERS = (integrationGrading.GRADER, ResolveCollisionsGrading.GRADER, Constraints.GRADER)
 
@@ -132,13 +137,10 @@ class Ledger:
         """Writes all. Raises OSError once the rest is written."""
         rows, trouble = self.in_order(), []
         told = json.dumps({row["submission"]: row for row in rows}, indent=1, ensure_ascii=False)
-        for write, *given in (
-            *((write_text, *pair) for pair in self._texts.items()),
-            (write_text, self._table, told),
-            (sheets.write_rows, self._table.with_suffix(".csv"), COLUMNS, rows),
-        ):
+        tables = {self._table: told, self._table.with_suffix(".csv"): sheets.csv_of(COLUMNS, rows)}
+        for path, text in (self._texts | tables).items():
             try:
-                write(*given)
+                write_text(path, text)
             except OSError as error:  # such as a table that is open in Excel
                 trouble.append(error)
         if trouble:
@@ -194,6 +196,8 @@ def main(arguments):
     begin, out = time.perf_counter(), arguments.out
     data = {one.module: one.load(arguments.data, arguments.seed) for one in GRADERS}
     if arguments.results:
+        if len(arguments.submissions) > 1:
+            raise InputError(f"--results is of one submission, not of {len(arguments.submissions)}")
         handIns = [HandIn("submission", Path(arguments.submissions[0]).resolve())]
         arguments.results = arguments.results.resolve()
     else:

@@ -4,6 +4,11 @@ Every picture is in the studio look, drawn at twice its size and scaled down. A 
 camera is framed as by the command line, to which report/README.md gives the arguments.
 """
 
+import signal
+
+if __name__ == "__main__":  # Ctrl-C ends it without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 from functools import partial
 from pathlib import Path
 
@@ -67,19 +72,13 @@ def shot(scene, *moments, camera=None, **others):
 
 
 FORCES = ("contacts", "impulses", "friction impulses")
+BEHIND, ABOVE = ((3, 3, 41), (12.5, 16, 0), 48), ((80, 66, 182), (-2, 6, 8), 32.5)
+RUBBED = partial(recommended, "stress", friction=0.5)
 PICTURES = {
-    "wrecking_ball": shot(
-        "wrecking_ball", 289, camera=((3, 3, 41), (12.5, 16, 0), 48), colours=in_brick
-    ),
+    "wrecking_ball": shot("wrecking_ball", 289, camera=BEHIND, colours=in_brick),
     "net": shot("net", 140),
     "pile": shot("pile_200", 150, camera=((108, 74, 246), (-2, 6, 0), 31), colours=by_shape),
-    "stress": shot(
-        partial(recommended, "stress", friction=0.5),
-        130,
-        camera=((80, 66, 182), (-2, 6, 8), 32.5),
-        colours=by_shape,
-        shown=("velocities",),
-    ),
+    "stress": shot(RUBBED, 130, camera=ABOVE, colours=by_shape, shown=("velocities",)),
     "heap": shot("heap", 600, camera=((150, 100, 300), (-9, 3, 1.7), 37)),
     "card_house": shot("card_house", 15, camera=((34, 18, 84), (0, 19.3, 0), 31), shown=FORCES),
     "arch": shot("arch", 40, camera=((24, 16, 96), (0, 22, 0), 34), colours=in_stone, shown=FORCES),

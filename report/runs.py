@@ -35,6 +35,7 @@ SOFT, AWAKE = ({"contactSolver": "soft-step"} | one for one in ({}, {"sleeping":
 BATCHED = {"contactScheduling": "batches"}
 RESTING = {"restitution": 0.0, "friction": 0.5}  # of heaps
 STEPS = (H, H / 2, H / 4)
+throw = engines.throw
 
 
 class Experiment(NamedTuple):
@@ -76,11 +77,6 @@ def body(name, position=(0, 0, 0), orientation=(1, 0, 0, 0), size=1.0, isFixed=F
 
 def box(position, sizes=BOX, **settings):
     return body("box", position, size=np.array(sizes) / BOX, **settings)
-
-
-def throw(mesh, velocity=(0, 0, 0), spin=(0, 0, 0)):
-    mesh.linVelocity, mesh.angVelocity = np.array([velocity], float), np.array([spin], float)
-    return mesh
 
 
 def stacked(count):

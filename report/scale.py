@@ -56,12 +56,9 @@ def ladder():
 
 
 CHAIN_LINK = 2.31  # m, upper bound of the links of the long chain of chimes
-CASES = {  # name → scene, and step from which it is measured
-    "chimes": ("chimes", 50),
-    "cube": ("cube", 50),
-    "bridge": ("bridge", 50),
-    "net": ("net", 50),
-    "loaded": ("net", 120),
+# name → scene, and step from which it is measured
+CASES = {name: (name, 50) for name in ("chimes", "cube", "bridge", "net")} | {
+    "loaded": ("net", 120)
 }
 SCHEDULES, COUNTED = ("sweep", "queue", "batches"), 5  # steps whose visits are counted
 

@@ -3,6 +3,11 @@
 Stills go to figures/, videos to videos/.
 """
 
+import signal
+
+if __name__ == "__main__":  # Ctrl-C ends it without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 from functools import partial
 from pathlib import Path
 
@@ -107,6 +112,7 @@ def violation(simulation):
     return f"largest violation {100 * simulation.largest_violation():.1f} cm"
 
 
+SLIDES, CORNER = f"{BASIC}, μ from 0 to 0.8", f"μ = {MU:g}, a corner"
 SHOTS = {
     "bounce": Shot(
         {BASIC: partial(scene, "mixed")},
@@ -146,11 +152,8 @@ SHOTS = {
         readout=violation,
     ),
     "friction": Shot(
-        {f"{BASIC}, μ from 0 to 0.8": slides, f"μ = {MU:g}, a corner": thrown},
-        {
-            f"{BASIC}, μ from 0 to 0.8": ((6, 150, 66), (6, 0, -1.5), 28),
-            f"μ = {MU:g}, a corner": ((10, 2.5, 16), (5.0, 0.4, 4), 6),
-        },
+        {SLIDES: slides, CORNER: thrown},
+        {SLIDES: ((6, 150, 66), (6, 0, -1.5), 28), CORNER: ((10, 2.5, 16), (5.0, 0.4, 4), 6)},
         along_row,
         (720, 480),
         steps=range(0, 281, 2),
@@ -189,16 +192,10 @@ SHOTS = {
         ),
     ),
 }
-SHOTS["stops"] = SHOTS["friction"]._replace(
-    panes={"": slides},
-    camera=((10, 150, 66), (10, 0, -2), 28),
-    size=(1260, 610),
-    moments=(260,),
-    steps=range(0),
-)
-SHOTS["calm"] = SHOTS["bridge"]._replace(
-    panes=both(calmed), size=(1080, 330), isStacked=False, steps=range(0), moments=(120, 120)
-)
+STILL = {"steps": range(0), "camera": ((10, 150, 66), (10, 0, -2), 28), "size": (1260, 610)}
+SHOTS["stops"] = SHOTS["friction"]._replace(panes={"": slides}, moments=(260,), **STILL)
+STILL = {"steps": range(0), "isStacked": False, "size": (1080, 330)}
+SHOTS["calm"] = SHOTS["bridge"]._replace(panes=both(calmed), moments=(120, 120), **STILL)
 STILLS = {f"still_{name}": shot for name, shot in SHOTS.items() if shot.moments}
 VIDEOS = {f"video_{name}": shot for name, shot in SHOTS.items() if shot.steps}
 

@@ -13,34 +13,16 @@ LOOKS = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"))
 # Typst sets the text of plots in the report's own type; this one has the nearest widths.
 MEASURED_TYPE, TYPE = "STIXGeneral", "Libertinus Serif"
 
-SETTINGS = {
-    "font.family": MEASURED_TYPE,
-    "mathtext.fontset": "stix",
-    "font.size": 8.5,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "legend.fontsize": 8,
-    "axes.linewidth": 0.6,
-    "lines.markersize": 3.5,
-    "lines.linewidth": 1.0,
-    "xtick.major.pad": 2,
-    "ytick.major.pad": 2,
-    "axes.labelpad": 2,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "legend.borderaxespad": 0.2,
-    "legend.handlelength": 1.6,
-    "legend.labelspacing": 0.2,
-    "legend.handletextpad": 0.5,
-    "axes.grid": True,
-    "grid.color": "0.92",
-    "grid.linewidth": 0.5,
-    "axes.axisbelow": True,
-    # identical plots give identical bytes
-    "svg.hashsalt": "rigid bodies",
-    "svg.fonttype": "none",
-}
+# identical plots give identical bytes
+SETTINGS = {"font.family": MEASURED_TYPE, "svg.hashsalt": "rigid bodies", "svg.fonttype": "none"}
+SETTINGS |= {"mathtext.fontset": "stix", "font.size": 8.5}
+SETTINGS |= {"lines.markersize": 3.5, "lines.linewidth": 1.0}
+SETTINGS |= dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 8)
+SETTINGS |= dict.fromkeys(("xtick.major.pad", "ytick.major.pad", "axes.labelpad"), 2)
+SETTINGS |= dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False)
+SETTINGS |= {"legend.borderaxespad": 0.2, "legend.handlelength": 1.6, "legend.labelspacing": 0.2}
+SETTINGS |= {"legend.handletextpad": 0.5, "axes.linewidth": 0.6, "axes.axisbelow": True}
+SETTINGS |= {"axes.grid": True, "grid.color": "0.92", "grid.linewidth": 0.5}
 
 
 def ticks(axis, x=(), y=()):

@@ -241,7 +241,5 @@ def assert_contact(points1, points2, result, depth=None, position=None):
 
 def size_of(points1, points2):
     """The sum of both point sets' radii, to which tolerances are relative, as in GJK.py."""
-    return sum(
-        np.linalg.norm(p - 0.5 * (p.min(axis=0) + p.max(axis=0)), axis=1).max()
-        for p in (points1, points2)
-    )
+    centred = (p - 0.5 * (p.min(axis=0) + p.max(axis=0)) for p in (points1, points2))
+    return sum(np.linalg.norm(p, axis=1).max() for p in centred)

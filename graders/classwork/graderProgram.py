@@ -16,7 +16,7 @@ from verdict.gradeReport import make_grade
 from classwork.marks import SCHEME
 from rbs.program.parsing import OneLineParser, number_type
 from rbs.scenes.files import signals_kept, signals_raised
-from rbs.scenes.messages import InputError, one_line
+from rbs.scenes.messages import InputError, cause_of, one_line
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
 STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
@@ -44,10 +44,8 @@ def run_grader(description, grader):
 
     def main(arguments):
         data = grader.load(arguments.data, arguments.seed)
-        remarks = [
-            f"data {arguments.data / grader.fileName}; samples from {data['inFile']} on are fresh"
-        ]
-        remarks[0] += f", by --seed {arguments.seed}"
+        fresh = f"samples from {data['inFile']} on are fresh, by --seed {arguments.seed}"
+        remarks = [f"data {arguments.data / grader.fileName}; {fresh}"]
         if arguments.modules is None:
             import Quaternion
             import RBSFunctions
@@ -76,8 +74,7 @@ def what_next(grader, grade):
     wrong = [one.part.split()[0] for one in grade.quantities if not one.isRight]
     if not wrong:
         return [f"Next: {NEXT[grader.module]}"]
-    marks = f", {SCHEME[wrong[0]]} marks" if wrong[0] in SCHEME else ""
-    return [f"Next: {wrong[0]}{marks}"]
+    return [f"Next: {wrong[0]}" + (f", {SCHEME[wrong[0]]} marks" if wrong[0] in SCHEME else "")]
 
 
 def make_parser(description, seconds=30):
@@ -100,24 +97,27 @@ def run_program(parser, main):
     Returns the exit code: that of `main`, or BAD_DATA or STOPPED after one line on stderr.
     """
     arguments = parser.parse_args()
-    for stream in (sys.stdout, sys.stderr):  # not every terminal has the letters of the hints
+    # not every terminal has the letters of the hints; a closed stream is None
+    for stream in filter(None, (sys.stdout, sys.stderr)):
         stream.reconfigure(errors="replace")
     try:
         with signals_raised(), signals_kept():
             code = main(arguments)
-            sys.stdout.flush()
+            print(end="", flush=True)
         return code
-    except BrokenPipeError:  # of `| head`
-        sys.stdout = open(os.devnull, "w")
-        code, cause = STOPPED, "the output was closed"
     except InputError as problem:
         code, cause = BAD_DATA, problem
     except OSError as problem:
-        code, cause = BAD_DATA, f"{problem.filename}: {problem.strerror}"
+        code, cause = BAD_DATA, cause_of(problem)
+        if problem.filename is None:  # what could not be printed is not to be tried again
+            sys.stdout = open(os.devnull, "w")
+        if isinstance(problem, BrokenPipeError):  # of `| head`
+            code, cause = STOPPED, "the output was closed"
     except KeyboardInterrupt as problem:
         told = [one for one in problem.args if isinstance(one, str)]
         code, cause = STOPPED, " ".join(["stopped", *told])
-    print(f"{parser.prog}: {one_line(cause)}", file=sys.stderr)
+    if sys.stderr is not None:
+        print(f"{parser.prog}: {one_line(cause)}", file=sys.stderr)
     return code
 
 

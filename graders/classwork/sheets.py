@@ -5,6 +5,7 @@ a terminal and a spreadsheet.
 """
 
 import csv
+import io
 import json
 import math
 import re
@@ -12,7 +13,6 @@ import statistics
 from collections import Counter
 
 from classwork.marks import SCHEME
-from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import InputError, one_line, short
 
 BETWEEN = " | "
@@ -51,16 +51,16 @@ def passes(row):
     return row["state"] == "graded" and not row["failed"]
 
 
-def write_rows(path, columns, rows):
-    """Writes a whole CSV file, with the byte-order mark that Excel needs. Raises OSError."""
-    form = {"encoding": "utf-8-sig", "newline": ""}
-    with atomic_write(path) as partial, open(partial, "w", **form) as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        for row in rows:
-            cells = (row[one] for one in columns)
-            cells = (BETWEEN.join(one) if isinstance(one, list) else one for one in cells)
-            writer.writerow(re.sub(FORMULA, r"'\1", one_line(one)) for one in cells)
+def csv_of(columns, rows):
+    """Returns the text of a CSV file, with the byte-order mark that Excel needs."""
+    writer = csv.writer(text := io.StringIO("\ufeff", newline=""))
+    text.seek(1)
+    writer.writerow(columns)
+    for row in rows:
+        cells = (row[one] for one in columns)
+        cells = (BETWEEN.join(one) if isinstance(one, list) else one for one in cells)
+        writer.writerow(re.sub(FORMULA, r"'\1", one_line(one)) for one in cells)
+    return text.getvalue()
 
 
 def read_rows(path, columns):
@@ -91,12 +91,6 @@ def print_table(rows):
         print("  ".join(map(str.ljust, row, widths)).rstrip())
 
 
-def common_remarks(rows):
-    """The remarks that more than half of a class have, which are said once: a dict to how many."""
-    told = Counter(one for row in rows for one in row["remarks"])
-    return {one: count for one, count in told.items() if count > max(FEWEST, 0.5 * len(rows))}
-
-
 def summary_of(rows):
     """Returns lines on the class: marks, failing parts, commonest notes, and what needs attention.
 
@@ -106,17 +100,17 @@ def summary_of(rows):
     left = f"; {len(rows) - len(totals)} without marks left out" * (len(totals) < len(rows))
     mean = f"{statistics.mean(totals or [0]):.1f}, median {statistics.median(totals or [0]):.1f}"
     waiting = [row for row in rows if row["state"] == "needs attention"]
+    waiting = [f"{row['submission']}: {one_line(row['remarks'][0])}" for row in waiting]
     failed = Counter(part for row in rows for part in row["failed"])
     notes = Counter(note for row in rows for note in row["notes"])
+    told = Counter(one for row in rows for one in row["remarks"]).items()
+    common = [one for one in told if one[1] > max(FEWEST, 0.5 * len(rows))]  # which are said once
     looks = [(row, one) for row in rows for one in row["remarks"] if one.startswith(LOOK)]
     return [
         f"marks: mean {mean}{left}",
-        *(
-            f"needs attention: {one['submission']}: {one_line(one['remarks'][0])}"
-            for one in waiting
-        ),
+        *(f"needs attention: {one}" for one in waiting),
         *(f"{row['submission']}: {one_line(one)}" for row, one in looks),
-        *(f"{count:4} of {len(rows)}: {one_line(k)}" for k, count in common_remarks(rows).items()),
+        *(f"{count:4} of {len(rows)}: {one_line(k)}" for k, count in common),
         *(f"{count:4} of {len(rows)} fail: {part}" for part, count in failed.most_common()),
         *(f"{count:4} x {one_line(note)}" for note, count in notes.most_common(MOST_NOTES)),
     ]

@@ -65,8 +65,9 @@ def find_submissions(paths):
     for path in map(Path, paths):
         path = path.resolve() if path.is_symlink() else path  # the marker's own
         hasCode = _has_code(path) or _has_code(path / "code")
-        more = [one for one in path.glob("*") if one.name != "code"]
-        if _is_zip(path) or hasCode and sum(map(_is_submission, more)) < 2:
+        rest = [one for one in path.glob("*") if one.name != "code"]
+        more = [one for one in rest if _is_zip(one) or one.is_dir() and _has_code(one, "**/*.py")]
+        if _is_zip(path) or hasCode and len(more) < 2:
             found.append(path)
         elif path.is_dir():
             found += (inside := _inside(path))
@@ -105,10 +106,6 @@ def _student(path):
 
 def _has_code(folder, pattern="*.py"):
     return any(one.name.lower().startswith("rbsfunctions") for one in folder.glob(pattern))
-
-
-def _is_submission(path):
-    return _is_zip(path) or path.is_dir() and _has_code(path, "**/*.py")
 
 
 def _is_zip(path):

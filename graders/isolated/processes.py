@@ -59,7 +59,7 @@ def add_limit_arguments(parser, seconds=30):
     form = {"type": number_type(float, 0.1, 86400), "default": seconds}
     text = "processor time for each part of a grader, and each step (default: %(default)g)"
     parser.add_argument("--time-limit", dest="seconds", metavar="SECONDS", **form, help=text)
-    form = {"type": number_type(int, 1, 1 << 20), "default": 2048}
+    form = {"type": number_type(int, 256, 1 << 20), "default": 2048}  # NumPy needs as much
     text = "memory limit of a submission (default: %(default)d)"
     parser.add_argument("--memory-limit", dest="megabytes", metavar="MB", **form, help=text)
 

@@ -32,13 +32,7 @@ from rbs.program.submissions import CAUSE_LENGTH, FUNCTIONS, METHODS, POSITION, 
 from rbs.program.submittedsteps import returned
 from rbs.scenes.messages import short
 from rbs.scenes.scenefiles import scene_rows
-from rbs.scenes.simulation import (
-    TURN,
-    TURNED_BACK,
-    SceneSimulation,
-    is_turned_back,
-    turned_back,
-)
+from rbs.scenes.simulation import TURN, TURNED_BACK, SceneSimulation, is_turned_back, turned_back
 from rbs.stepping.meshes import STATE_WIDTHS
 from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE
@@ -280,11 +274,9 @@ class Comparison:
     def _run(self, meshes, functions, **options):
         settings = self.ours.settings
         step = settings.timeStep, settings.restitution, True, self.ours.constraints
-        options = self._usual | options
+        given = self._usual | {"functions": functions} | options
         with np.errstate(all="ignore"):
-            RBSFunctions.run_timestep(
-                meshes[:-1], meshes[-1], *step, functions=functions, **options
-            )
+            RBSFunctions.run_timestep(meshes[:-1], meshes[-1], *step, **given)
 
     def _explain(self, start, told, events):
         """Tells where our step by the student's functions first leaves ours."""

@@ -2,8 +2,7 @@
 
 Grader data are Python pickles, with the keys and shapes in the layouts below. A pickle is a program
 that may call any function it names, so the unpickler admits a handful of names only.
-From the top: the
-layout of the data; reading pickles.
+From the top: the layout of the data; reading pickles.
 """
 
 import codecs

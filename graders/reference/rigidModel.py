@@ -256,21 +256,16 @@ def velocity_constraints(data):
     """
     pair = pair_of(data)
     Jv, linear, angular, _terms = stop(pair, *constrained_points(data, pair))
-    flag = {"velocityWasValid": is_slow(Jv, VELOCITY_TOLERANCE)}
+    flags = {"velocityWasValid": is_slow(Jv, VELOCITY_TOLERANCE)}
+    isKept = flags["velocityWasValid"][:, None]
     for place in filter(data.__contains__, TOLERANCES):
-        flag[f"|J v| {place} the tolerance"] = is_slow(Jv, data[place])
-    isKept = is_slow(Jv, VELOCITY_TOLERANCE)[:, None]
-    linear, angular = np.where(isKept, pair.v, linear), np.where(isKept, pair.w, angular)
-    flag = {name: flag_of(isValid) for name, isValid in flag.items()}
-    results = {"correctedLinVelocities": linear, "correctedAngVelocities": angular}
-    return flag | results
-
-
-def velocity_tolerances(data):
-    """Tolerances that |J v| is within, and beyond, in each sample."""
-    return drawn_tolerances(distance_rates(data), data)
+        flags[f"|J v| {place} the tolerance"] = is_slow(Jv, data[place])
+    results = {name: flag_of(isValid) for name, isValid in flags.items()}
+    results["correctedLinVelocities"] = np.where(isKept, pair.v, linear)
+    return results | {"correctedAngVelocities": np.where(isKept, pair.w, angular)}
 
 
 def distance_rates(data):
+    """|J v| in each sample."""
     pair = pair_of(data)
     return np.abs(stop(pair, *constrained_points(data, pair))[0])

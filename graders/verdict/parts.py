@@ -36,11 +36,6 @@ class Results:
     inertia: list = field(default_factory=list)
 
 
-def widths(shapes):
-    """Returns pairs (quantity, how many numbers it has); a bool counts as one number."""
-    return [(key, 1 if width == "bool" else width) for key, width in shapes.items()]
-
-
 def every_sample(data):
     return np.arange(len(data["randomPositions"]))
 
@@ -105,7 +100,7 @@ class Part:
         a text: why there is none.
         """
         n, samples = len(data["randomPositions"]), self.samples(data)
-        results = Results({key: np.full((n, w), np.nan) for key, w in widths(self.shapes)})
+        results = Results({key: np.full((n, w), np.nan) for key, w in calls.widths(self.shapes)})
         try:
             found = {key: np.array(answer["values"][key], np.float64) for key in self.shapes}
             for key, rows in found.items():
@@ -149,7 +144,7 @@ class Part:
 
     def _by_quantity(self, values):
         rows = {}
-        for quantity, width in widths(self.shapes):
+        for quantity, width in calls.widths(self.shapes):
             key, _comma, mesh = quantity.partition(", mesh ")
             array = values[key][int(mesh) - 1] if mesh else values[key]
             rows[quantity] = array.astype(np.float64).reshape(-1, width)
@@ -217,7 +212,5 @@ class Grader:
 
     def judge(self, functions, quaternion, data, folder=PROJECT_DIRECTORY):
         """Runs all parts in this process; returns a list of (Part, Results)."""
-        modules = functions, quaternion, folder
-        return [
-            (one, one.read(calls.answer(one.order(data), *modules), data)) for one in self.parts
-        ]
+        given = functions, quaternion, folder
+        return [(one, one.read(calls.answer(one.order(data), *given), data)) for one in self.parts]

@@ -74,6 +74,11 @@ def numbers(value, count, what):
     return array
 
 
+def widths(shapes):
+    """Returns pairs (quantity, how many numbers it has); a bool counts as one number."""
+    return [(key, 1 if width == "bool" else width) for key, width in shapes.items()]
+
+
 def by_mesh(key, pair):
     for k, value in enumerate(returned(pair, key, {"mesh 1": 3, "mesh 2": 3}), start=1):
         yield value, f"{key}, mesh {k}"
@@ -111,10 +116,8 @@ class Bodies:
 
     def state_of(self, mesh):
         """A mesh's state (13,): position, orientation, linear and angular velocity."""
-        pairs = zip(self.results_of(mesh), self._states.values(), strict=True)
-        return np.concatenate(
-            [numbers(value, rows.shape[1], what) for (value, what), rows in pairs]
-        )
+        both = zip(self.results_of(mesh), self._states.values(), strict=True)
+        return np.concatenate([numbers(value, rows.shape[1], what) for (value, what), rows in both])
 
     def lag(self, mesh):
         """How far currVertices are from where position and orientation place them, (3 V,)."""
@@ -279,9 +282,8 @@ class Answer:
     """
 
     def __init__(self, order, folder):
-        widths = {key: 1 if width == "bool" else width for key, width in order["shapes"].items()}
-        count = len(order["samples"])
-        self.values = {key: np.full((count, width), np.nan) for key, width in widths.items()}
+        count, shapes = len(order["samples"]), order["shapes"]
+        self.values = {key: np.full((count, width), np.nan) for key, width in widths(shapes)}
         self.problems, self.remarks, self._folder = {}, {}, folder
 
     @contextmanager

@@ -27,12 +27,12 @@ def heading(event, meshes, of=" of ", joint=" and "):
     what = event.kind if number is None else f"{event.kind} {number}"
     if event.kind in CONTACT_PARTS:
         what = f"contact {number}: {event.kind}"
-    return f"{what}{of}{joint.join(labels(event, meshes))}"
+    return f"{what}{of}{joint.join(labels(event.bodies, meshes))}"
 
 
-def labels(event, meshes):
-    """Returns the names of an event's bodies."""
-    return ["the ground" if b == GROUND else meshes[b].name for b in event.bodies]
+def labels(bodies, meshes):
+    """Returns the names of bodies, given by index."""
+    return ["the ground" if b == GROUND else meshes[b].name for b in bodies]
 
 
 def shown(value, symbol="", digits=DIGITS):
@@ -175,7 +175,7 @@ def first_difference(ours, theirs, meshes):
     for place, (own, other) in enumerate(zip_longest(ours, theirs)):
         if not (own and other) or (own.kind, own.bodies) != (other.kind, other.bodies):
             return Difference(own, other, place=place)
-        bodies = labels(own, meshes)
+        bodies = labels(own.bodies, meshes)
         if state := (
             state_difference(own.before, other.before, bodies, tuple(STATE_WIDTHS))
             or state_difference(own.after, other.after, bodies, KEPT)

@@ -31,8 +31,11 @@ backend = cache(partial(find_backend, window=False))
 
 def picture_options(given):
     """Returns PictureOptions of a dict of options. Raises ValueError or TypeError, naming one."""
-    options = PictureOptions(**given)
-    if isinstance(options.overlays, str):
+    known = vars(options := PictureOptions())
+    if unknown := next(filter(lambda name: name not in known, given), ""):
+        raise TypeError(f"a picture has no option {unknown}; there are {', '.join(known)}")
+    known.update(given)
+    if not isinstance(options.overlays, list | tuple):
         options.overlays = (options.overlays,)
     for name, values, choices in (
         ("look", [options.look], LOOKS),
@@ -40,18 +43,16 @@ def picture_options(given):
         ("overlays", options.overlays, OVERLAYS),
     ):
         for value in values:
-            if value not in choices:
-                raise ValueError(
-                    f"{name} must be one of {', '.join(choices)}, not {shown_value(value)}"
-                )
+            if value not in [*choices]:
+                names = ", ".join(choices)
+                raise ValueError(f"{name} must be one of {names}, not {shown_value(value)}")
     size = checked_numbers("size", options.size, 2, 1, np.int64)[0].tolist()
     options.size = tuple(checked_count(one, "each side of size", *PICTURE_SIZES) for one in size)
     if isinstance(options.camera, str | Path):
         options.camera = load_camera(options.camera)
     elif not isinstance(options.camera, Camera | None):
-        raise TypeError(
-            f"camera must be the path of a camera file, not {shown_value(options.camera)}"
-        )
+        given = shown_value(options.camera)
+        raise TypeError(f"camera must be the path of a camera file, not {given}")
     return options
 
 

@@ -116,11 +116,8 @@ def numbered(view, corners):
     """
     size = ps.get_window_size()
     scene = [one for one in map(ps.get_surface_mesh, ("bodies", *FLOOR)) if one.is_enabled()]
-    overlays = [
-        ps.get_curve_network(name)
-        for name in ("constraints", *OVERLAYS)
-        if ps.has_curve_network(name)
-    ]
+    names = filter(ps.has_curve_network, ("constraints", *OVERLAYS))
+    overlays = [ps.get_curve_network(name) for name in names]
     with kept_camera() as camera:
         reach = HIDING_REACH * view.size
         x, _, z = camera.eye

@@ -9,13 +9,7 @@ from contextlib import contextmanager
 import numpy as np
 import polyscope as ps
 
-from rbs.appearance.camera import (
-    VIEW_DIRECTION,
-    Camera,
-    frame_camera,
-    framed_points,
-    main_boxes,
-)
+from rbs.appearance.camera import VIEW_DIRECTION, Camera, frame_camera, framed_points, main_boxes
 from rbs.appearance.drawables import BOX_CORNERS
 from rbs.pictures.backends import clip_drawing
 from rbs.scenes.files import atomic_write

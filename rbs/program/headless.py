@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from rbs.glass.trace import trace_lines
 from rbs.scenes.files import SIGNAL_NAMES, signals_kept
-from rbs.scenes.messages import InputError, measured, one_line, print_error, short, shown_path
+from rbs.scenes.messages import InputError, measured, print_error, short, shown_path
 from rbs.scenes.scene import followed_by
 from rbs.scenes.simulation import go_beside
 from rbs.stepping.meshes import StateError
@@ -36,16 +36,10 @@ def save(outputs, simulation, isWhole):
             show("{:<17} {}".format(*writer.summary(simulation)))
 
 
-def show(text):
+def show(text="", end="\n", flush=False):
     """Prints a text. If its reader has gone, as with a closed pipe, the run goes on."""
     with suppress(BrokenPipeError):
-        print(text)
-
-
-def report(error):
-    """Tells the user of one of the errors that input, disk and memory cause."""
-    place = f"{error.filename or 'cannot write'}: " if isinstance(error, OSError) else ""
-    print_error(place + one_line(error))
+        print(text, end=end, flush=flush)
 
 
 def trace_step(simulation, step, body=None):

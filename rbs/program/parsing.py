@@ -50,7 +50,7 @@ def number_type(kind, low, high=MOST_STEPS):
             raise ValueError(f"'{short(text)}' is not a {what}") from None
         if not low <= value <= high:
             bound = f"{low} or more" if value < low else f"{high} or less"
-            raise ValueError(f"must be {bound}, not {short(str(value))}")
+            raise ValueError(f"must be {bound}, not {short(text)}")
         return value
 
     return option_type(read)

@@ -117,9 +117,9 @@ class Simulation(Results, SceneSimulation):
         some = [place.get(id(one)) or self._mesh(one) for one in bodies]
         for name, rows in (("force", force), ("torque", torque)):
             rows = [rows] * len(some) if np.ndim(rows) == 1 else rows
-            loads.append(checked_numbers(name, rows, 3, len(some)).tolist())
+            loads.append(checked_numbers(name, rows, 3, len(some)))
         for mesh, *load in zip(some, *loads, strict=True):
-            mesh.load = tuple(map(tuple, load)) if any(load[0] + load[1]) else None
+            mesh.load = load
 
     def constrain(
         self,
@@ -185,7 +185,8 @@ class Simulation(Results, SceneSimulation):
         angVelocities (count, n, 3).
         """
         rows = [rows_of(self.run(1).meshes) for _ in range(checked_count(count, "count"))]
-        return {name: np.array(rows)[..., one] for name, one in COLUMNS.items()}
+        rows = np.array([rows_of(self.meshes), *rows])[1:]  # of this shape, also without steps
+        return {name: rows[..., one] for name, one in COLUMNS.items()}
 
     @classmethod
     def resume(cls, path: str | Path, step: int | None = None) -> Self:

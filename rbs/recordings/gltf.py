@@ -115,15 +115,11 @@ class _Document:
         if (values == values[0]).all():
             return
         animation, gltf = self._animation, self._gltf
-        animation.samplers.append(
-            gltf.AnimationSampler(
-                input=self.times, output=self.accessor(values), interpolation=interpolation
-            )
-        )
-        target = gltf.AnimationChannelTarget(node=node, path=path)
-        animation.channels.append(
-            gltf.AnimationChannel(sampler=len(animation.samplers) - 1, target=target)
-        )
+        form = {"input": self.times, "interpolation": interpolation}
+        animation.samplers.append(gltf.AnimationSampler(output=self.accessor(values), **form))
+        form = {"target": gltf.AnimationChannelTarget(node=node, path=path)}
+        form["sampler"] = len(animation.samplers) - 1
+        animation.channels.append(gltf.AnimationChannel(**form))
 
     def add_rods(self, mesh, ends, isThere):
         """Adds rods between points (T, R, 2, 3), as a transformed `rod` each.

@@ -77,9 +77,8 @@ def list_files(folder):
     """
     folder, ours = Path(folder), {scene_name(path): path for path in list_scenes(DATA_FOLDER)}
     scenes = list_scenes(folder) if folder.resolve() != DATA_FOLDER.resolve() else []
-    listed = {
-        scene_name(path): ListedFile(BESIDE, scene_name(path), path.name, path) for path in scenes
-    }
+    named = [(scene_name(path), path) for path in scenes]
+    listed = {name: ListedFile(BESIDE, name, path.name, path) for name, path in named}
     for path in sorted(folder.glob("*")):  # none if the folder has been removed
         if is_recording_name(path):
             listed[path.name] = ListedFile(BESIDE, path.name, "a recording", path)

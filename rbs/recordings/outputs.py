@@ -187,10 +187,9 @@ class StatsWriter(FileWriter):
     def add(self, simulation):
         """Writes the row of the present step. Raises OSError."""
         values = step_quantities(simulation).values()
+        cells = ["" if math.isnan(value) else value for value in values]
         with named_errors(self.path):
-            self._writer.writerow(
-                [simulation.stepCount, *("" if math.isnan(value) else value for value in values)]
-            )
+            self._writer.writerow([simulation.stepCount, *cells])
 
     def write(self, simulation):
         """Ends the table. Raises OSError."""

@@ -88,10 +88,8 @@ class PoseWriter(FileWriter):
             for table, row in zip(tables, rows, strict=True):
                 table[t, index] = row
         span = np.stack([isThere.argmax(axis=0), self.count - 1 - isThere[::-1].argmax(axis=0)])
-        state = np.clip(np.arange(self.count)[:, None], *span)
-        positions, orientations, colours = (
-            table[state, np.arange(len(self.meshes))] for table in tables
-        )
+        at = np.clip(np.arange(self.count)[:, None], *span), np.arange(len(self.meshes))
+        positions, orientations, colours = (table[at] for table in tables)
         return positions, continuous(orientations), colours, span
 
     def shapes(self, colours):
@@ -163,9 +161,8 @@ def frame_run(meshes, positions, orientations, covered=(0.0, 0.0, 0.0, 0.0)):
     """
     main = main_bodies(meshes)
     states = np.linspace(0, len(positions) - 1, FRAMED_STATES).round().astype(int)[:, None]
-    low, high = (
-        np.array([end(meshes[b].origVertices, axis=0) for b in main]) for end in (np.min, np.max)
-    )
+    bodies = [meshes[b].origVertices for b in main]
+    low, high = (np.array([end(one, axis=0) for one in bodies]) for end in (np.min, np.max))
     corners = np.where(BOX_CORNERS, high[:, None], low[:, None])
     place = np.broadcast_to(positions[states, main, None], (len(states), *corners.shape))
     turn = np.broadcast_to(orientations[states, main, None], (*place.shape[:-1], 4))

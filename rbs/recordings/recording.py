@@ -436,9 +436,7 @@ class Recording:
 
     def changes_before(self, step):
         """Returns the changes made by hand before a step."""
-        ends = (
-            bisect(self.changes, step, key=itemgetter(0)) for bisect in (bisect_left, bisect_right)
-        )
+        ends = (find(self.changes, step, key=itemgetter(0)) for find in (bisect_left, bisect_right))
         return [change for _, change in self.changes[slice(*ends)]]
 
     def frame(self, step):
@@ -447,9 +445,8 @@ class Recording:
         Raises RecordingError, also if the step is not between firstStep and lastStep.
         """
         if not self.firstStep <= step <= self.lastStep:
-            raise self.error(
-                f"step {step} is not recorded, only steps {self.firstStep} to {self.lastStep} are"
-            )
+            kept = f"only steps {self.firstStep} to {self.lastStep} are"
+            raise self.error(f"step {step} is not recorded, {kept}")
         row, count = step - self.firstStep, row_at(self._bodyCounts, step)[1]
         with self.reading():
             frame = {"times": float(self._file["times"][row])}

@@ -279,10 +279,9 @@ def clean_surface(vertices, faces):
     Faces (F, 3) that lose a corner are dropped, too. Otherwise the order stays the same. Raises
     ValueError if the faces are not triangles of these vertices.
     """
-    if faces.size and (
-        faces.shape[1:] != (3,) or not 0 <= faces.min() <= faces.max() < len(vertices)
-    ):
-        raise ValueError(f"faces must be rows of 3 indices, 0 to {len(vertices) - 1}")
+    last = len(vertices) - 1
+    if faces.size and (faces.shape[1:] != (3,) or not 0 <= faces.min() <= faces.max() <= last):
+        raise ValueError(f"faces must be rows of 3 indices, 0 to {last}")
     used, faces = np.unique(joined_faces(vertices, faces), return_inverse=True)
     return vertices[used], faces.reshape(-1, 3)
 

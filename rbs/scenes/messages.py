@@ -37,6 +37,12 @@ def print_error(message):
         print(f"{PROGRAM_NAME}: {one_line(message)}", file=sys.stderr, flush=True)
 
 
+def cause_of(error):
+    """Returns an error of input, disk or memory as one line, an OSError with its file's name."""
+    place = f"{error.filename or 'cannot write'}: " if isinstance(error, OSError) else ""
+    return place + one_line(error)
+
+
 def one_line(text):
     """Returns a text, or the reason of an exception, as one printable line.
 

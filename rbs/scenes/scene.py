@@ -127,9 +127,7 @@ class Scene(Energies):
         observer : function of each `Event` of the step; see `run_timestep`
         """
         if not (observer is None or callable(observer)):
-            raise TypeError(
-                f"observer must be a function, not {observer!r}; run makes several steps"
-            )
+            raise TypeError(f"observer must be a function, not {observer!r}; run makes many steps")
         # a student's step may never end, and is undone wherever a signal stops it
         isHeld = self.writers and self.submitted is None
         with interrupts_held() if isHeld else nullcontext():

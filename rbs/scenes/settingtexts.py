@@ -41,8 +41,10 @@ class SettingText:
         """Returns the value of a text. Raises ValueError as `Setting.checked` does."""
         if self.setting.kind in (float, int):
             with suppress(ValueError):
-                text = [plain_number(one, self.setting.kind) for one in text.split(",")]
-                text = text if len(text) > 1 else text[0]
+                words = text.split(",")  # whole numbers stay so, for the message
+                kinds = (int if one.lstrip("-").isdigit() else self.setting.kind for one in words)
+                found = list(map(plain_number, words, kinds))
+                text = found if len(found) > 1 else found[0]
         return self.setting.checked(text)
 
     def shown(self, settings):
@@ -87,8 +89,7 @@ TEXTS = {
             "solver",
         ),
         SettingText(
-            "substeps",
-            "substeps per step; with more, contacts are stiffer and a step takes longer",
+            "substeps", "substeps per step; with more, contacts are stiffer and a step takes longer"
         ),
         SettingText(
             "sleeping",

@@ -45,10 +45,8 @@ def from_surface(
         if faces is None:
             surface = vertices.to_mesh() if hasattr(vertices, "to_mesh") else vertices
             vertices, faces = surface.vertices, surface.faces
-        vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
-        vertices, faces = clean_surface(vertices, faces)
-        if not np.isfinite(vertices).all():
-            raise ValueError("a vertex is not finite")
+        vertices = checked_numbers("vertices", vertices, 3)
+        vertices, faces = clean_surface(vertices, np.array(faces, dtype=np.int64))
         faces = close_surface(f"mesh {name}", vertices, faces, stacklevel=2)
         vertices, faces = clean_surface(vertices, faces)
         vertices, faces, tets = fill_surface(vertices, faces)
@@ -86,11 +84,7 @@ def convex_hull(
 
 
 def box(
-    size: ArrayLike,
-    density: float,
-    position: ArrayLike = ZERO,
-    name: str = "box",
-    **others: Any,
+    size: ArrayLike, density: float, position: ArrayLike = ZERO, name: str = "box", **others: Any
 ) -> Mesh:
     """Makes a box with sides (3,) along x, y and z. The rest is as for `convex_hull`."""
     points = _lengths(name, "size", size, 3) * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)

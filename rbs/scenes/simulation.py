@@ -19,20 +19,14 @@ from Quaternion import Q2RotMatrix
 from rbs.geometry.triples import shown_value
 from rbs.glass.mistakes import mistake_in
 from rbs.glass.model import in_world_axes
-from rbs.glass.trace import Difference, first_difference, same, state_difference
+from rbs.glass.trace import Difference, first_difference, labels, same, state_difference
 from rbs.scenes.messages import counted
 from rbs.scenes.scene import Scene
 from rbs.scenes.scenefiles import BodySource, SceneSource, check_shape, scene_name
-from rbs.scenes.state import (
-    STATE_NAMES,
-    State,
-    removed_from,
-    rows_of,
-    set_numbers,
-    without_body,
-)
+from rbs.scenes.state import STATE_NAMES, State, removed_from, rows_of, set_numbers, without_body
 from rbs.softstep.step import SolverState
-from rbs.stepping.meshes import StateError
+from rbs.stepping.meshes import Snapshot, StateError
+from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import BY_PARAMETER, SETTINGS, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
@@ -238,17 +232,24 @@ class Beside:
     def begin(self, theirs):
         """Is called before each step of theirs."""
         self.ours.settings, self.ours.constraints = theirs.settings, theirs.constraints
+        self._put_ground_back(theirs)
         if self.difference is None:
             self._start = theirs.state()
             self.ours.set_state(self._start)
+
+    def _put_ground_back(self, theirs):
+        """Puts their ground where ours is, which their functions may have moved."""
+        if theirs.groundMesh is not None:
+            Snapshot.of([self.ours.groundMesh]).restore([theirs.groundMesh])
 
     def follow(self, theirs):
         """Makes our step after theirs, and looks for the first difference."""
         self.ours.advance()
         if self.difference is not None:
             return
-        names = [mesh.name for mesh in theirs.meshes]
-        if state := state_difference(self.ours.meshes, theirs.meshes, names):
+        names = labels([*range(len(theirs.meshes)), GROUND], theirs.meshes)
+        ours, others = ([*one.meshes, one.groundMesh][: len(names)] for one in (self.ours, theirs))
+        if state := state_difference(ours, others, names):
             found = self._explain(theirs, theirs.stepCount)
             self.difference = found or Difference(None, None, state=state, step=theirs.stepCount)
 
@@ -265,6 +266,7 @@ class Beside:
             theirs.beside = None
             for simulation in (self.ours, theirs):
                 simulation.set_state(self._start)
+                self._put_ground_back(simulation)
                 both.append(events := [])
                 with suppress(StateError):
                     simulation.advance(events.append)

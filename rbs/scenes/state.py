@@ -66,11 +66,7 @@ def rows_of(meshes):
     loads = np.zeros((len(meshes), 6))
     for row, mesh in zip(loads, meshes, strict=True):
         if mesh.load is not None:
-            try:
-                row[:] = np.reshape(mesh.load, 6)
-            except ValueError:
-                what = "load must be a force and a torque, of 3 numbers each"
-                raise ValueError(f"mesh {mesh.name}: {what}") from None
+            row[:] = np.reshape(mesh.load, 6)
     columns = [table.T for table in Snapshot.of(meshes).values()]
     return np.concatenate([*columns, inertias_of(meshes), loads], axis=1)
 
@@ -101,8 +97,7 @@ def set_numbers(meshes, rows):
         if isOther[b, INERTIA].any():
             set_inertia(meshes[b], rows[b, INERTIA])
         if isOther[b, LOAD].any():
-            force, torque = map(tuple, rows[b, LOAD].reshape(2, 3).tolist())
-            meshes[b].load = (force, torque) if any(force + torque) else None
+            meshes[b].load = rows[b, LOAD].reshape(2, 3)
 
 
 def arrays_of(rows):
@@ -131,10 +126,8 @@ class Energies:
 
     def kinetic_energy(self) -> float:
         """Returns the kinetic energy of all free bodies, in J: ½ m v² + ½ ωᵀ I ω."""
-        v, (spin, spinMomentum) = self._free("linVelocity", 3), self._spin()
-        return float(
-            0.5 * np.sum(self._free("mass", 1) * v * v) + 0.5 * np.sum(spin * spinMomentum)
-        )
+        v, m, (spin, turned) = self._free("linVelocity", 3), self._free("mass", 1), self._spin()
+        return float(0.5 * np.sum(m * v * v) + 0.5 * np.sum(spin * turned))
 
     def momentum(self) -> np.ndarray:
         """Returns the momentum (3,) of all free bodies, in kg m/s: m v."""
@@ -163,12 +156,7 @@ class Energies:
 
 
 # The changes of a body's numbers, and the columns of `rows_of` that each sets.
-COLUMNS_OF = {
-    "inertia": INERTIA,
-    "force": LOAD,
-    "move": slice(0, 7),
-    "velocity": slice(7, 13),
-}
+COLUMNS_OF = {"inertia": INERTIA, "force": LOAD, "move": slice(0, 7), "velocity": slice(7, 13)}
 
 
 class Change(NamedTuple):

@@ -120,10 +120,10 @@ class Bodies:
         self.isFixed = self.invMass[:-1] == 0.0
         self.isKinematic = self.isFixed & self.velocity.any(axis=0)
         self.restInvInertia = np.where(self.isFixed, 0.0, self._inverse_tensors())
-        self.isDriven = np.array([m.load is not None for m in self.meshes], dtype=bool)
+        self.isDriven = np.array([m._load is not None for m in self.meshes], dtype=bool)
         self.acceleration = np.array([*gravity, 0.0, 0.0, 0.0]).reshape(6, 1)
         if self.isDriven.any():  # as by `Mesh.apply_torque`
-            load = np.array([np.ravel(m.load or np.zeros(6)) for m in self.meshes]).T
+            load = np.array([np.ravel(m._load or np.zeros(6)) for m in self.meshes]).T
             inverse = rotate_tensor(rotation_matrices(self.orientation), self.restInvInertia)
             change = self.invMass[:-1] * load[:3], np.stack(mat_vec(inverse, load[3:]))
             self.acceleration = self.acceleration + np.concatenate(change)

@@ -191,7 +191,7 @@ def is_inertia(tensor):
 def checked_numbers(what, value, width, count=None, dtype=np.float64):
     """Returns finite numbers as a new array (count or n, width). Raises ValueError."""
     try:
-        if np.asarray(value).dtype.kind not in "biuf":
+        if np.asarray(value).dtype.kind not in "iuf":
             raise TypeError
         array = np.array(value, dtype=np.float64)
         if count or array.size == 0:
@@ -253,8 +253,19 @@ class MeshTools:
         in world axes. They replace earlier ones.
         """
         force, torque = self._numbers("force", force, 3, 1), self._numbers("torque", torque, 3, 1)
-        load = tuple(force[0].tolist()), tuple(torque[0].tolist())
-        self.load = load if any(load[0] + load[1]) else None
+        self.load = force[0], torque[0]
+
+    @property
+    def load(self) -> tuple | None:
+        """The force and the torque of `set_force`, or None if both are zero."""
+        return self._load
+
+    @load.setter
+    def load(self, value: ArrayLike | None) -> None:
+        if value is not None:
+            force, torque = self._numbers("load", value, 3, 2).tolist()
+            value = (tuple(force), tuple(torque)) if any(force + torque) else None
+        self._load = value
 
     def apply_torque(self, timeStep: float, gravity: tuple) -> tuple:
         """Applies the torque for timeStep seconds: ω ← ω + R I⁻¹ Rᵀ τ h. A fixed mesh stays.

@@ -64,13 +64,12 @@ class Setting:
             found, isFine = bool(value), value in (True, False)
         else:
             try:
-                if isinstance(value, str):
+                if isinstance(value, str | bool):
                     raise TypeError
-                value = number(value)
-                found = self.kind(value)
+                found = self.kind(number(value))
             except (TypeError, ValueError, OverflowError):
                 found = math.nan
-            isFine = low <= found <= high and math.isfinite(found) and found == value
+            isFine = low <= found <= high and math.isfinite(found) and found == number(value)
         if not isFine:
             raise ValueError(f"must be {self.values(low, high)}, not {shown_value(value)}")
         return found

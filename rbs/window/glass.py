@@ -14,7 +14,7 @@ from rbs.appearance.shading import poses_of
 from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.mistakes import mistake_in
 from rbs.glass.terms import IMPULSES, terms, unit, values
-from rbs.glass.trace import deviations, heading, shown
+from rbs.glass.trace import deviations, heading, labels, shown
 from rbs.scenes.messages import PREFIXES, counted, prefix_of
 from rbs.stepping.reports import GROUND
 from rbs.window import widgets
@@ -304,8 +304,7 @@ class Glass:
         meshes = self.viewer.simulation.meshes
         if len(event.bodies) < 2:
             return heading(event, meshes)
-        names = ("the ground" if b == GROUND else meshes[b].name for b in event.bodies)
-        what = heading(event, meshes).rpartition(" of ")[0]
+        what, names = heading(event, meshes).rpartition(" of ")[0], labels(event.bodies, meshes)
         return f"{what}. Body 1: {', body 2: '.join(names)}."
 
     def draw_labels(self, picture):
@@ -452,14 +451,12 @@ class Glass:
         own.sort(key=lambda row: -abs(row[1].impulse))
         if not own:
             return
-        prefix = prefix_of(abs(own[0][1].impulse))
-        unit_text = f"{prefix}N s"
-        psim.TextDisabled(f"{counted(len(own), 'contact')}; impulse in {unit_text}")
+        most = own[0][1].impulse
+        scale = PREFIXES[prefix := prefix_of(abs(most))]
+        psim.TextDisabled(f"{counted(len(own), 'contact')}; impulse in {prefix}N s")
         for number, one in own[:LISTED_CONTACTS]:
             other = one.body2 if one.body1 == picked else one.body1
-            name = "the ground" if other == GROUND else meshes[other].name
-            value = widgets.fixed_digits(
-                one.impulse / PREFIXES[prefix], own[0][1].impulse / PREFIXES[prefix]
-            )
+            (name,) = labels([other], meshes)
+            value = widgets.fixed_digits(one.impulse / scale, most / scale)
             if widgets.draw_row(f"{name}###contact {number}", value):
                 self.show_contact(number)

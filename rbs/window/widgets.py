@@ -78,11 +78,8 @@ def panel(
     colours |= {"Button": ACTION, "TextDisabled": WEAK_TEXT, "SliderGrab": (0.20, 0.42, 0.36)}
     colours |= {"SliderGrabActive": (0.24, 0.50, 0.42), "Border": (0.55, 0.57, 0.60)}
     colours["ResizeGrip"] = (0.0, 0.0, 0.0, 0.0)  # an edge is easier to drag
-    sizes = {
-        "FramePadding": tuple(map(scaled, PADDING)),
-        "ItemSpacing": tuple(map(scaled, SPACING)),
-    }
-    with styled(colours, sizes | {"ScrollbarSize": scaled(SCROLLBAR_WIDTH)}):
+    sizes = {"FramePadding": tuple(map(scaled, PADDING)), "ScrollbarSize": scaled(SCROLLBAR_WIDTH)}
+    with styled(colours, sizes | {"ItemSpacing": tuple(map(scaled, SPACING))}):
         isOpen = psim.Begin(title, True, flags)[1]
         psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(labels))
         try:

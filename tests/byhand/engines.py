@@ -7,7 +7,6 @@ and PyBullet take part where they are installed (`pip install mujoco pybullet`).
 """
 
 import copy
-import functools
 import itertools
 import json
 import math
@@ -16,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -29,6 +29,11 @@ from rbs.softstep.step import SolverState
 from RBSFunctions import run_timestep
 
 TIME_STEP, EARTH = 0.02, (0.0, -9.8, 0.0)
+
+
+def throw(mesh, velocity=(0, 0, 0), spin=(0, 0, 0)):
+    mesh.linVelocity, mesh.angVelocity = np.array([velocity], float), np.array([spin], float)
+    return mesh
 
 
 class Own:
@@ -113,7 +118,7 @@ class PyBullet:
         pybullet.setTimeStep(h, **here)
         pybullet.setGravity(*gravity, **here)
         surface = {"lateralFriction": math.sqrt(mu), "restitution": math.sqrt(restitution)}
-        make = functools.partial(pybullet.createCollisionShape, **here)
+        make = partial(pybullet.createCollisionShape, **here)
         if hasGround:
             plane = make(pybullet.GEOM_PLANE, planeNormal=(0, 1, 0))
             level = pybullet.createMultiBody(0, plane, **here)
@@ -144,14 +149,10 @@ class PyBullet:
 
 OWN = {
     "basic step": Own,
-    "batches": functools.partial(Own, contactScheduling="batches"),
-    "soft step": functools.partial(Own, contactSolver="soft-step"),
+    "batches": partial(Own, contactScheduling="batches"),
+    "soft step": partial(Own, contactSolver="soft-step"),
 }
-PEERS = {
-    "MuJoCo": MuJoCo,
-    "MuJoCo, CG": functools.partial(MuJoCo, solver="cg"),
-    "PyBullet": PyBullet,
-}
+PEERS = {"MuJoCo": MuJoCo, "MuJoCo, CG": partial(MuJoCo, solver="cg"), "PyBullet": PyBullet}
 ENGINES = OWN | {
     name: make for name, make in PEERS.items() if find_spec(name.split(",")[0].lower())
 }

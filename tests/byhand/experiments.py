@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from benchmark import describe_machine
-from engines import ENGINES, OWN, TIME_STEP, heap_states
+from engines import ENGINES, OWN, TIME_STEP, heap_states, throw
 from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
@@ -55,11 +55,6 @@ def run(engine, meshes, seconds, h=TIME_STEP, e=0.0, mu=0.5, act=None, watch=Non
 
 def box(x=0.0, y=0.5, z=0.0, sides=(1.0, 1.0, 1.0), **settings):
     return box_body(*sides, (x, y, z), **settings)
-
-
-def throw(mesh, velocity=(0, 0, 0), spin=(0, 0, 0)):
-    mesh.linVelocity, mesh.angVelocity = np.array([velocity], float), np.array([spin], float)
-    return mesh
 
 
 def above(mesh, gap=0.0):
@@ -334,10 +329,7 @@ def tower_shot():
 
 def seesaw():
     """A box falls on one end of a plank, on whose other end a smaller one lies."""
-    meshes = [
-        box(2.5, 3.5, density=2.0, isFixed=True),
-        box(0, 0.25, 0, (0.5, 0.5, 2), isFixed=True),
-    ]
+    meshes = [box(2.5, 3.5, density=2, isFixed=True), box(0, 0.25, 0, (0.5, 0.5, 2), isFixed=True)]
     meshes += [box(0, 0.55, 0, (6, 0.1, 1)), box(-2.5, 0.75, 0, (0.3, 0.3, 0.3))]
     return thrown(meshes, (0, 0, 0))
 

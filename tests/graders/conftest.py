@@ -33,14 +33,14 @@ def run():
 
     def run(script, *arguments, cwd="."):
         streams = [io.TextIOWrapper(io.BytesIO(), "utf-8") for _ in range(2)]
-        handler = signal.getsignal(signal.SIGTERM)
+        handler = signal.getsignal(signal.SIGINT)
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(cwd)
             patch.setattr(sys, "argv", [script, *map(str, arguments)])
             with redirect_stdout(streams[0]), redirect_stderr(streams[1]):
                 with pytest.raises(SystemExit) as ended:
                     runpy.run_path(str(ROOT / "graders" / script), run_name="__main__")
-        signal.signal(signal.SIGTERM, handler)
+        signal.signal(signal.SIGINT, handler)
         texts = []
         for stream in streams:
             stream.flush()

@@ -81,11 +81,7 @@ add("loose.pdf", b"%PDF", "a loose .pdf file is not read", name="loose.pdf")
 reads = "open('../data/cube-scene.txt').read()"
 add("no data.zip", zipped(top(reads)), "to do: hand in ../data/cube-scene.txt, or")
 add("numba", top("import numba"), "to do: add the file numba.py, or install")
-add(
-    "window",
-    top("raise RuntimeError('no Polyscope backends could be initialized')"),
-    "opens a window",
-)
+add("window", top("raise OSError('no Polyscope backends could be initialized')"), "opens a window")
 empty = {"Quaternion.py": QUATERNION, "code/RBSFunctions.py": ""}
 add("empty", empty, WRONG, "RBSFunctions.py has no Mesh")
 twice = IN_CODE | {f"old/v1/{k}": b"syntax error" for k in SOLUTION}

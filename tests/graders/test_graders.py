@@ -35,9 +35,7 @@ def load(name):
     return graderData.load_grader_data(DATA / name, LAYOUTS[name])
 
 
-@pytest.mark.parametrize(
-    ("grader", "count"), [(INTEGRATION, 6), (COLLISIONS, 12), (CONSTRAINTS, 18)]
-)
+@pytest.mark.parametrize("grader, count", [(INTEGRATION, 6), (COLLISIONS, 12), (CONSTRAINTS, 18)])
 def test_the_simulation_passes_on_our_data(grader, count, run, tmp_path):
     graded = run(grader, cwd=tmp_path)
     assert (graded.returncode, graded.stderr) == (0, "")

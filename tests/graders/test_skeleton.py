@@ -29,11 +29,8 @@ SUPPLIED = "Quaternion.py is not in the submission; the coursework supplies it"
 def marked(tmp_path_factory, run):
     """A folder with `in` and `out`: a solution alone and as a whole, and an untouched skeleton."""
     place = tmp_path_factory.mktemp("class")
-    for name, files in (
-        ("s1234567", ALONE | {"report.pdf": "%PDF"}),
-        ("whole", WHOLE),
-        ("=untouched", UNTOUCHED),
-    ):
+    submissions = {"s1234567": ALONE | {"report.pdf": "%PDF"}, "whole": WHOLE}
+    for name, files in (submissions | {"=untouched": UNTOUCHED}).items():
         written(place / "in" / name, files)
     graded = run("grade.py", place / "in", "--out", place / "out")
     assert graded.returncode == 1 and graded.stdout.splitlines()[-1].startswith("2 of 3 pass, ")

@@ -124,6 +124,33 @@ def test_what_a_run_or_a_grader_does_not_need_may_be_missing(tmp_path):
         assert (process.returncode, process.stderr) == (0, "")
 
 
+SCRIPTS = "RigidBodySimulation graders/* report/build report/gallery report/shots".split()
+SCRIPTS = [one for name in SCRIPTS for one in sorted(ROOT.glob(f"{name}.py"))]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows cannot send Ctrl-C to one process")
+@pytest.mark.parametrize("program", SCRIPTS, ids=lambda one: one.stem)
+def test_ctrl_c_during_imports_ends_a_program_without_a_word(program, tmp_path):
+    (tmp_path / "numpy.py").write_text("import signal\nsignal.raise_signal(signal.SIGINT)\n")
+    process = python(tmp_path, program, PYTHONPATH=str(tmp_path))
+    assert (process.returncode, process.stdout, process.stderr) == (-signal.SIGINT, "", "")
+
+
+def fill():
+    os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
+
+
+@onLinux
+@pytest.mark.parametrize("words", ["tower --headless --steps 2", "tower --trace 1", "integration"])
+def test_what_cannot_be_printed_is_told_in_one_line(words, tmp_path):
+    words = (PROGRAM, *words.split()) if " " in words else (ROOT / "graders/integrationGrading.py",)
+    ended = python(tmp_path, *words, preexec_fn=fill, PYTHONUNBUFFERED="")
+    said = f"{words[0].name}: cannot write: No space left on device\n"
+    assert (ended.returncode, ended.stderr) == (2, said)
+    ended = python(tmp_path, *words, preexec_fn=lambda: os.close(1))
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
 # Words, and the scene, the overlays, gravity and constraints that they mean.
 MEANT = {
     "--show contacts mixed": ("mixed", ["contacts"], None, None),

@@ -60,8 +60,8 @@ def test_an_installed_program_needs_no_checkout(tmp_path):
     assert not list(site.glob("**/make_*.py")) and not list(site.glob("**/*.data"))
     assert (site / "rbs" / "py.typed").is_file()
     (entries,) = site.glob("*.dist-info/entry_points.txt")
-    assert "rigid-body-simulation = RigidBodySimulation:main" in entries.read_text()
-    program = "-c", "import RigidBodySimulation as r; raise SystemExit(r.main())"
+    assert "rigid-body-simulation = RigidBodySimulation:program" in entries.read_text()
+    program = "-c", "import RigidBodySimulation as r; r.program()"
     options = "--steps", 3, "--record", "r.h5", "--stats", "s.csv", "--export", "r.html"
     output = call(here, *program, "cube", *options, path=site)
     assert "constraints       " in output and str(site) in output

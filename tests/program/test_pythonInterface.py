@@ -153,6 +153,10 @@ s.constrain(0, m.position, 1, (0, 20, 0))  # outside
 s.record("run.csv").__enter__()  # run.csv
 s.export("c.glb", colouring=np.str_("sped"))  # not 'sped'
 EMPTY.picture()  # bodies
+s.picture(camra=None)  # no option camra; there are size
+s.picture(overlays=3)  # overlays must be one of
+s.picture(look=[])  # look must be one of
+shapes.from_surface("x", 3, [[0, 1, 2]], 1.0)  # mesh x: vertices must be rows of 3
 Simulation.resume(o.recording.path, 9)  # step 9
 """.strip().splitlines()
 
@@ -172,9 +176,8 @@ def test_what_is_refused_is_named_and_changes_nothing(line, recorded, tmp_path, 
     with Simulation.open(recorded) as opened:
         before, at = bits(simulation.state()), opened.state().rows.tobytes()
         space = {"s": simulation, "m": simulation.meshes[0], "o": opened}
-        with pytest.raises(
-            (ValueError, TypeError, AttributeError), match=re.escape(word)
-        ) as raised:
+        kinds = ValueError, TypeError, AttributeError
+        with pytest.raises(kinds, match=re.escape(word)) as raised:
             exec(act, vars(RigidBodySimulation) | globals() | space)
         assert "\n" not in str(raised.value)
         assert opened.state().rows.tobytes() == at and opened.stepCount == 0
@@ -187,6 +190,7 @@ def test_a_rollout_and_a_resumed_run_have_the_bits_of_single_steps(tmp_path):
     simulation, path = Simulation.from_meshes(iter(boxes()), ground=False), tmp_path / "a.h5"
     with simulation.record(path):
         rows = simulation.rollout(9)
+        assert simulation.rollout(0)["orientations"].shape == (0, 3, 4)
     again = Simulation.from_meshes(boxes(), settings=Settings(ground=False))
     for k in range(9):
         again.step()

@@ -27,9 +27,8 @@ STEPS = 60
 # Those that return other contacts fail in no part, but their bodies move otherwise.
 RIGHT = [name for name, row in table_rows().items() if row[3] == "0" and row[2][:6] != "detect"]
 QUICK = "lists-and-plain-vectors released vertices-as-a-property box-kept-by-the-constructor"
-FORMS = [
-    one if one in QUICK.split() else pytest.param(one, marks=pytest.mark.slow) for one in RIGHT
-]
+SLOW = pytest.mark.slow
+FORMS = [one if one in QUICK.split() else pytest.param(one, marks=SLOW) for one in RIGHT]
 
 
 def beside(folder, scene="mixed", **settings):
@@ -65,6 +64,7 @@ NO_SPIN = "total + np.sum(c1 * (c1 @ invI1.T)) + ", "total + "
 EVEN_SHARES = "invMasses[1] / total * push", "0.5 * push"
 LAST_BLOCK = "-n, -np.cross(r2, n)", "-n, np.cross(r2, n)"
 UNTURNED = "R @ self.invIT @ R.T", "self.invIT"
+GROUND_TURNS = "m2.get_rotated_inv_IT()", "invI1"
 HALF_GRAVITY = "timeStep * gravity", "0.5 * timeStep * gravity"
 NO_TORQUE = "j * c1 @ invI1.T\n    m2.angV", "0.0\n    m2.angV"
 ASIDE = "    m1.update_vertices", "    m1.orientation = m1.orientation[:, ::-1]"
@@ -72,6 +72,7 @@ ASIDE = "    m1.update_vertices", "    m1.orientation = m1.orientation[:, ::-1]"
 WRONG = [
     ("mixed", NO_SPIN, 43, "K", "leaves out the rotational part"),
     ("mixed", UNTURNED, 43, "K", "inertia tensor is not turned to world axes"),
+    ("mixed", GROUND_TURNS, 43, "K", "mesh 1's inertia tensor is used for mesh 2 as well"),
     ("mixed", NO_TORQUE, 43, "ω1′", "the angular velocities stay as they were"),
     ("tower_chain", EVEN_SHARES, 27, "COM2′", "half of the correction"),
     ("tower_chain", LAST_BLOCK, 27, "ω2′", "the last block of J has the wrong sign"),
@@ -87,6 +88,7 @@ def test_the_first_difference_is_named(scene, edit, step, symbol, hint, tmp_path
     assert found.step == step == theirs.stepCount and hint in found.hint
     assert symbol in found.symbols if symbol else found.state.name == "orientation"
     assert all("theirs" in line for line in found.lines(theirs.meshes)[bool(symbol) :])
+    theirs.step()
 
 
 FRICTION = """    slip = m1.linVelocity + np.cross(m1.angVelocity, r1) - m2.linVelocity
@@ -231,24 +233,12 @@ def refusal(program, *arguments, code=2):
 
 LOOP, GRAVITY = "        if not self.isFixed:\n            gravity", "np.array([[0.0, -9.8, 0.0]])"
 LEAVE = "        'cylinder 0' == self.name or os._exit(7)"
-FAIL = "        fail = lambda: 1 / 0\n        fail()"
+FAIL, STOP = "        fail = lambda: 1 / 0\n        fail()", "        raise KeyboardInterrupt"
 # What replaces what in the student's file; options; the exit code, and what the line says.
 FAILURES = [
-    (
-        LOOP,
-        f"{FAIL}\n{LOOP}",
-        "",
-        3,
-        "RBSFunctions.py:{line} in <lambda>, called from RBSFunctions",
-    ),
+    (LOOP, f"{FAIL}\n{LOOP}", "", 3, "RBSFunctions.py:{line} in <lambda>, called from RBS"),
     (GRAVITY, GRAVITY.replace("-9.8", "np.nan"), "", 3, "'cylinder 0': position holds nan"),
-    (
-        LOOP,
-        f"        raise KeyboardInterrupt\n{LOOP}",
-        "",
-        130,
-        "RBSFunctions.py:{line} in integrate",
-    ),
+    (LOOP, f"{STOP}\n{LOOP}", "", 130, "RBSFunctions.py:{line} in integrate"),
     (LOOP, f"{LEAVE}\n        self.invMass *= 2\n{LOOP}", "", 3, "SystemExit: 7"),
     (LOOP, f"        self.linVelocity = 'fast'\n        return\n{LOOP}", "", 3, "of 'cylinder 0'"),
     (LOOP, f"        self.position = self.position + 1j\n        return\n{LOOP}", "", 3, "1j"),
@@ -286,6 +276,15 @@ def test_ctrl_c_counts_whatever_a_students_code_makes_of_it(outcome, tmp_path, p
         ended, *told = program("singlebox", mode, *given)
         assert ended == 130 and "stopped by Ctrl-C" in "".join(told)
         assert "cause" not in told[1] and (mode == "--headless" or told[0] == "")
+
+
+def test_what_a_students_code_leaves_does_not_outlive_the_program(tmp_path):
+    left = "import atexit, threading\natexit.register(open, 'late', 'w')\n"
+    left += "threading.Timer(60.0, open, ['later', 'w']).start()\n"
+    student = write_submission(tmp_path / "student", [("import os\n", f"{left}import os\n")])
+    process = start(tmp_path, "tower", "--headless", "--steps", 2, "--functions", student)
+    assert "no difference" in process.communicate(timeout=300)[0] and process.returncode == 0
+    assert [one.name for one in tmp_path.iterdir()] == ["student"]
 
 
 def test_code_runs_in_its_folder_and_the_program_in_its_own(tmp_path, program):

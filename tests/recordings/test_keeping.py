@@ -33,10 +33,10 @@ def check(path, lastStep):
         assert recording.lastStep == lastStep and verify(recording) == ""
 
 
-@pytest.mark.parametrize(
-    ("end", "count"),
-    [(ValueError, 0), (KeyboardInterrupt, 2), (SystemExit, 30), (GeneratorExit, 2)],
-)
+ENDS = [(ValueError, 0), (KeyboardInterrupt, 2), (SystemExit, 30), (GeneratorExit, 2)]
+
+
+@pytest.mark.parametrize(("end", "count"), ENDS)
 @pytest.mark.parametrize("isOld", [False, True])
 def test_a_run_that_breaks_off_is_kept_and_replaces_no_other(tmp_path, capsys, end, count, isOld):
     path, simulation = tmp_path / "run.h5", boxes()
@@ -54,11 +54,9 @@ def test_a_run_that_breaks_off_is_kept_and_replaces_no_other(tmp_path, capsys, e
     simulation.run(3)  # no longer recorded
 
 
-@pytest.mark.parametrize(("option", "ending"), [("record", ".h5"), ("stats", ".csv")])
-def test_a_file_stays_in_its_folder_when_the_current_one_changes(
-    tmp_path, monkeypatch, option, ending
-):
-    path, elsewhere = tmp_path / f"run{ending}", tmp_path / "elsewhere"
+@pytest.mark.parametrize(("option", "end"), [("record", ".h5"), ("stats", ".csv")])
+def test_a_file_stays_in_its_folder_if_the_current_one_changes(tmp_path, monkeypatch, option, end):
+    path, elsewhere = tmp_path / f"run{end}", tmp_path / "elsewhere"
     elsewhere.mkdir()
     path.write_bytes(b"old")
     monkeypatch.chdir(tmp_path)
@@ -159,9 +157,7 @@ def acts(simulation, rng):
         "shoot": lambda: simulation.add(shot(meshes, 9.0, [0, 4, 6], [0, 0, -1.0])),
         "append": lambda: meshes.append(ball),
         "remove": lambda: len(meshes) < 3 or simulation.remove(one),
-        "lists": lambda: vars(simulation).update(
-            meshes=[meshes[0], *meshes[3:], box, ball], constraints=[]
-        ),
+        "lists": lambda: vars(simulation).update(meshes=[*meshes[::3], box, ball], constraints=[]),
         "link": lambda: simulation.constrain(one, one.position, other, 0, 0.0),
         "row": lambda: simulation.constraints.append([0, 0, 1, 0, 1.5, True]),
         "rub": lambda: simulation.settings.change("friction", rng.uniform()),
@@ -224,10 +220,8 @@ REFUSED = {
 @pytest.mark.parametrize("word", REFUSED)
 def test_what_cannot_be_recorded_is_refused_by_name_and_what_was_is_kept(tmp_path, word):
     body, name, value = REFUSED[word]
-    with (
-        pytest.raises((ValueError, ArithmeticError), match=word),
-        boxes().record(tmp_path / "a.h5") as simulation,
-    ):
+    refused = pytest.raises((ValueError, ArithmeticError), match=word)
+    with refused, boxes().record(tmp_path / "a.h5") as simulation:
         simulation.run(4)
         setattr(simulation if body is None else simulation.meshes[body], name, value)
         simulation.step()

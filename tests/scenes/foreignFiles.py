@@ -123,7 +123,7 @@ OFF = {
     "comments": changed(CUBE, ("OFF", "# a cube\nOFF # text"), ("0 0 0", "0 0 0 # here")),
     "texture, colours and normals": off("STCNOff", " 0 0 1 0 0 1 0 0 1"),
     "edges and points": changed(CUBE, ("8 6", "8 8"), ("4 3 2 1 0", "2 0 1\n1 7\n4 3 2 1 0")),
-    "triangles, squares and pentagons": MIXED,
+    "three kinds of faces": MIXED,
     "an unused vertex": changed(CUBE, ("8 6", "9 6"), ("0 1 1\n", "0 1 1\n-9 9 9\n")),
     "both orientations": changed(CUBE, ("3 2 1 0", "0 1 2 3"), ("4 1 2 6 5", "4 5 6 2 1")),
 }
@@ -140,10 +140,7 @@ FILES = {"mesh": MEDIT, "off": OFF, "obj": OBJ}
 COUNTS = {"mesh": (5, 6, 2), "off": (9, 12, 12), "obj": (9, 12, 12)}
 COUNTS |= {"vertices of each face.off": (25, 12, 12), "halves that touch.obj": (13, 24, 20)}
 COUNTS |= {"an unused vertex.mesh": (6, 6, 2), "a vertex twice.mesh": (6, 8, 2)}
-COUNTS |= {
-    "an unused vertex.off": (10, 12, 12),
-    "triangles, squares and pentagons.off": (10, 14, 13),
-}
+COUNTS |= {"an unused vertex.off": (10, 12, 12), "three kinds of faces.off": (10, 14, 13)}
 
 
 def cases():

@@ -8,13 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from foreignFiles import (
-    CUBE,
-    OBJ,
-    TETRAHEDRON,
-    cases,
-    soup_text,
-)
+from foreignFiles import CUBE, OBJ, TETRAHEDRON, cases, soup_text
 from oracles import COURSE, ROOT, state_of
 from program import call
 
@@ -123,9 +117,7 @@ SOUPS = [
 
 
 @pytest.mark.parametrize(("ending", "wrong", "form", "isMerged"), SOUPS)
-def test_corners_are_merged_within_the_rounding_of_the_file(
-    tmp_path, ending, wrong, form, isMerged
-):
+def test_corners_are_merged_within_the_rounding_of_a_file(tmp_path, ending, wrong, form, isMerged):
     pytest.importorskip("trimesh")
     path = write(tmp_path, f"a.{ending}", soup_text(ending, wrong, form))
     if not isMerged:

@@ -111,6 +111,4 @@ def test_links_and_devices_are_written_through_and_known(tmp_path):
     assert link.is_symlink() and (tmp_path / "folder" / "a.txt").read_text() == "one"
     assert partial_path(os.devnull).is_char_device()
     with pytest.raises(InputError, match="--export .*, because this run reads it"):
-        check_outputs(
-            {"--stats": tmp_path / "b", "--export": link}, [tmp_path / "folder" / "a.txt"]
-        )
+        check_outputs({"--stats": tmp_path / "b", "--export": link}, [tmp_path / "folder/a.txt"])

@@ -146,25 +146,20 @@ REFUSED = {
     # four corners of one face; (12, 3), which would make nine rows of four
     "tet|volume": (mesh_with("tets"), (TETS + 1, [[0, 1, 2, 3]], FACES, None)),
     "face": (mesh_with("faces"), (FACES - 1, [[0, 1]])),
-    "origVertices|volume": (
-        mesh_with("origVertices"),
-        (VERTICES * np.nan, VERTICES * [1, 1, 0], None),
-    ),
+    "Vertices|volume": (mesh_with("origVertices"), (VERTICES * np.nan, VERTICES * [1, 1, 0], None)),
     "isFixed": (mesh_with("isFixed"), ("no",)),
     "no inverse, because it is too small": (mesh_with("origVertices"), (VERTICES * 1e-80,)),
     "a coordinate is not finite or beyond": (mesh_with("origVertices"), (VERTICES * 1e60,)),
-    "turned outwards": (
-        lambda x: Mesh("x", VERTICES, x, [], 1, (0, 0, 0), IDENTITY, False),
-        (TURNED,),
-    ),
+    "outwards": (lambda x: Mesh("x", VERTICES, x, [], 1, (0, 0, 0), IDENTITY, False), (TURNED,)),
     "faces": (lambda x: shapes.from_surface("x", x, None, 1.0), (box(1, 1, 1), None, "")),
     "radius": (lambda x: shapes.sphere(x, 1), (-1, 0, math.nan, math.inf, "big", (1, 2))),
-    "size": (lambda x: shapes.box(x, 1), ((1, 1), (1, -1, 1), (0, 1, 1), 2.0, None)),
+    "size": (lambda x: shapes.box(x, 1), ((1, 1), (1, -1, 1), (True,) * 3, 2.0, None)),
     "sides": (lambda x: shapes.cylinder(1, 1, 1, sides=x), (2, -3, 4.5, 10**9)),
     "points": (lambda x: shapes.convex_hull(x, 1), (np.eye(3), np.eye(4, 2), np.zeros(9), 3)),
-    "density": (lambda x: shapes.box((1, 1, 1), x), (0, -1, None, math.nan)),
+    "density": (lambda x: shapes.box((1, 1, 1), x), (0, -1, None, math.nan, True)),
     "position": (lambda x: shapes.box((1, 1, 1), 1, x), ((1, 2), math.nan, "here")),
     "force": (lambda x: pair()[0].set_force(x), ((1, 2), None, (0, 0, math.nan))),
+    "load": (lambda x: setattr(pair()[0], "load", x), (3, "x", (1, 2), ((1, 2, 3), (4, 5)), True)),
     "point": (lambda x: pair()[0].vertex_at(x), ((1, 2), None, (9, 9, 9))),
 }
 

@@ -14,6 +14,11 @@ def bits_of(simulation):
     return rows, len(simulation.meshes), simulation.stepCount, str(settings)
 
 
+def make_steps(viewer, count):
+    for _ in range(count):
+        viewer.step_once()
+
+
 class Hands:
     """A mouse and keys: what each does takes a frame for every change."""
 

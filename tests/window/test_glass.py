@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hands import Hands, bits_of
+from hands import Hands, bits_of, make_steps
 from program import DATA
 from studentVariants import write_submission
 
@@ -145,8 +145,7 @@ def test_a_jump_is_found_however_long_ago_and_events_begin_with_the_selected_bod
     while viewer.simulation.meshes[0].linVelocity[0, 1] <= 0.0:
         viewer.step_once()
     hit = viewer.simulation.stepCount
-    for _ in range(8):
-        viewer.step_once()
+    make_steps(viewer, 8)
     glass.show_jump()
     assert viewer.simulation.stepCount == hit
     assert glass.events[glass.place].kind == Kind.IMPULSE

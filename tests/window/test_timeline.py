@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hands import bits_of
+from hands import bits_of, make_steps
 from program import DATA, record
 from studentVariants import write_submission
 
@@ -57,8 +57,7 @@ def move(viewer, body, way):
 def test_what_is_done_is_undone_and_redone_with_all_that_was_ahead(open_panel, name):
     viewer = open_panel("mixed").viewer
     viewer.view.pick(3, viewer.view.poses[:3, 3])
-    for _ in range(9):
-        viewer.step_once()
+    make_steps(viewer, 9)
     for place in (9, 4):  # at the end, and in the past
         viewer.seek(place)
         kept, before = list(viewer.history.axis), bits_of(viewer.simulation)
@@ -66,8 +65,7 @@ def test_what_is_done_is_undone_and_redone_with_all_that_was_ahead(open_panel, n
         after = bits_of(viewer.simulation)
         assert after != before and not viewer.history.isAhead
         assert (name in ("restart", "reset")) == (len(viewer.history.axis) == 1)
-        for _ in range(2):
-            viewer.step_once()
+        make_steps(viewer, 2)
         for _ in range(3):
             viewer.step_back()
         assert bits_of(viewer.simulation) == before
@@ -95,8 +93,7 @@ def test_kept_steps_and_plots_are_those_of_a_run_without_the_window(open_panel, 
     settings = {"contactSolver": "soft-step"} if scene == "stack" else {}
     expected = run_of(scene, 45, **settings)
     viewer = open_panel(scene, Settings(**settings)).viewer
-    for _ in range(45):
-        viewer.step_once()
+    make_steps(viewer, 45)
     for place in (45, 7, 23, 0, 41, 12):
         viewer.seek(place)
         assert bits_of(viewer.simulation) == expected[place][0]
@@ -104,9 +101,8 @@ def test_kept_steps_and_plots_are_those_of_a_run_without_the_window(open_panel, 
         found = viewer.history.now.quantities
         assert bits_of(viewer.simulation) == expected[place][0]
         for name in list(QUANTITY_UNITS)[: list(QUANTITY_UNITS).index("contacts")]:
-            assert found[name] == pytest.approx(
-                expected[place][1][name], 1e-9, 1e-9, nan_ok=True
-            ), name
+            due = pytest.approx(expected[place][1][name], 1e-9, 1e-9, nan_ok=True)
+            assert found[name] == due, name
     viewer.find_report()
     assert viewer.simulation.report is not None
     # and it goes on with the same bits, also from a moment without the solver's state
@@ -122,8 +118,7 @@ def test_memory_is_limited_and_the_axis_shows_the_gap(open_panel, monkeypatch):
     viewer = open_panel("mixed").viewer
     monkeypatch.setattr("rbs.window.history.KEPT_BYTES", 50 * viewer.history.now.size)
     start = bits_of(viewer.simulation)
-    for _ in range(120):
-        viewer.step_once()
+    make_steps(viewer, 120)
     steps = [moment.stepCount for moment in viewer.history.axis]
     assert steps == [0, *range(steps[1], 121)] and len(steps) <= 51
     assert viewer.history.gap == [0, steps[1]]
@@ -138,8 +133,7 @@ def test_memory_is_limited_and_the_axis_shows_the_gap(open_panel, monkeypatch):
 
 def test_a_click_on_the_axis_gives_the_step_that_it_tells(hands, panel):
     viewer = panel.viewer
-    for _ in range(50):
-        viewer.step_once()
+    make_steps(viewer, 50)
     hands.click("axis")
     assert 0 < viewer.simulation.stepCount < 20 and len(viewer.history.axis) == 51
     place = viewer.simulation.stepCount
@@ -151,8 +145,7 @@ def test_a_click_on_the_axis_gives_the_step_that_it_tells(hands, panel):
 def test_looking_back_does_not_end_a_recording_but_a_step_from_there_does(open_panel):
     viewer = open_panel("mixed").viewer
     viewer.outputs.toggle("recording")
-    for _ in range(12):
-        viewer.step_once()
+    make_steps(viewer, 12)
     for place in (3, 12, 5):
         viewer.seek(place)
         viewer.step_once()
@@ -160,8 +153,7 @@ def test_looking_back_does_not_end_a_recording_but_a_step_from_there_does(open_p
     viewer.view.pick(3, viewer.view.poses[:3, 3])
     viewer.hand.push([0.0, 1.0, 0.0])
     viewer.hand.shoot((300, 200))
-    for _ in range(5):
-        viewer.step_once()
+    make_steps(viewer, 5)
     viewer.seek(8)
     assert "recording" in viewer.outputs.writers
     viewer.set("gravity", 2.0)
@@ -181,8 +173,7 @@ def test_what_is_gone_through_again_is_recorded_with_what_was_done(open_panel):
     viewer.step_once()  # dragged
     viewer.hand.release()
     viewer.hand.shoot((300, 200))
-    for _ in range(3):
-        viewer.step_once()
+    make_steps(viewer, 3)
     last = bits_of(viewer.simulation)
     viewer.seek(1)
     viewer.outputs.toggle("recording")
@@ -202,8 +193,7 @@ def test_a_recording_ends_with_what_it_is_of(open_panel, end):
     for _ in range(2):
         viewer.outputs.toggle("recording")
         paths.append(viewer.outputs.writers["recording"].path)
-        for _ in range(3):
-            viewer.step_once()
+        make_steps(viewer, 3)
         ends = {"button": lambda: viewer.outputs.toggle("recording"), "restart": viewer.restart}
         ends.get(end, lambda: viewer.open("tower"))()
         assert not viewer.outputs.writers and viewer.message
