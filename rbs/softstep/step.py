@@ -94,13 +94,13 @@ def _make_substep(motion, contacts, distances, h):
     """Gravity, warm starting and the soft sweep, motion, relaxing sweep."""
     motion.velocity += motion.acceleration * h
     contacts.warm_start()
-    if distances.batches:
+    if distances.count:
         contacts.apply(motion)
-        distances.sweep(motion, isSoft=True)
+        distances.pull(motion)
     unsolved = contacts.soft_sweep(motion)
     motion.integrate(h)
-    if distances.batches:
-        distances.sweep(motion, isSoft=False)
+    if distances.count:
+        distances.relax(motion)
         contacts.measure(motion)
     contacts.relax(motion, unsolved)
 
