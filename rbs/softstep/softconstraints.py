@@ -148,9 +148,7 @@ class SoftConstraints:
         motion.velocity -= self._pushed
         self._update(motion, self._scaled * self.scale)
         old = self._scaled
-        v = take(motion.velocity, self._flat, axis=1)
-        error = (self.J * v).reshape(6, 2, -1).sum(axis=(0, 1))
-        error += np.where(self.isSlack, self.C / self.h, 0.0)
+        error = self._speeds(motion.velocity) + np.where(self.isSlack, self.C / self.h, 0.0)
         self._scaled = self._solve(motion, old, error, old != 0.0)
         self.impulse[self.some] = self._scaled * self.scale
 
@@ -195,6 +193,10 @@ class SoftConstraints:
         answer[order] = dpbsv(band, -speed[order], lower=True)[1]
         self.visits += count
         return answer
+
+    def _speeds(self, velocity):
+        """Speeds (K,) at which distances change: J v"""
+        return (self.J * take(velocity, self._flat, 1)).reshape(6, 2, -1).sum(axis=(0, 1))
 
     def _response(self, impulse):
         """Speeds (K,) of rows with scaled impulses (K,): A λ"""
