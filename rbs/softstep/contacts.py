@@ -94,11 +94,12 @@ class SoftContacts(PlacedManifolds):
         # without gravity, nothing is a load
         loads = loads * np.where(motion.fallRate > 0.0, self.weight, 1.0 / TINY)
         self.most = (1.0 - self.softness) * loads
-        # impulses of substeps of another length are a wrong start, which one sweep would leave, and
-        # pulls of constraints are as sudden as blows, but come in every substep
+        # impulses of substeps of another length are a wrong start, which one sweep would leave
+        self.isUneven = isUneven | (ratio > 1.0)
+        # constraints may pull down what one sweep has stopped, in every substep
         isTied = frames.tiedReach > 0.0
-        self.isUneven = isUneven | (ratio > 1.0) | isTied[self.first] | isTied[self.second]
-        self.sinkSpeed = KEEP * size / h
+        isTied = isTied[self.first] | isTied[self.second]
+        self.sinkSpeed = np.where(isTied, self.fallSpeed, KEEP * size / h)
         # error at which sweeps over what one has left unsolved end, in m/s
         self.tolerance = np.where(self.isUneven, TOLERANCE * self.fallSpeed, self.sinkSpeed)
 

@@ -17,9 +17,9 @@ and Box2D v3 call this method soft step:
         that of infeasible constraints
     bodies on trial that stay where they were, and that fall asleep  sleeping
 
-Sweeps go on where a point would otherwise sink far, until none does. They go on until they converge
-where masses are uneven, where constraints pull, and in a step whose substeps have another length
-than the last one's.
+Sweeps go on where a point would otherwise sink far, or noticeably where constraints pull, until none
+does. They go on until they converge where masses are uneven, and in a step whose substeps have
+another length than the last one's.
 """
 
 import numpy as np
