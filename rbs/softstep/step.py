@@ -17,7 +17,7 @@ and Box2D v3 call this method soft step:
         that of infeasible constraints
     bodies on trial that stay where they were, and that fall asleep  sleeping
 
-Sweeps go on where a point would otherwise sink far, or noticeably where constraints pull, until none
+Sweeps go on where a point would otherwise sink far, or at all where constraints pull, until none
 does. They go on until they converge where masses are uneven, and in a step whose substeps have
 another length than the last one's.
 """
