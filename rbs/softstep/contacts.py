@@ -96,7 +96,10 @@ class SoftContacts(PlacedManifolds):
         self.most = (1.0 - self.softness) * loads
         # impulses of substeps of another length are a wrong start, which one sweep would leave
         self.isUneven = isUneven | (ratio > 1.0)
-        self.sinkSpeed = KEEP * size / h
+        # constraints may pull down what one sweep has stopped, in every substep
+        isTied = frames.tiedReach > 0.0
+        isTied = isTied[self.first] | isTied[self.second]
+        self.sinkSpeed = np.where(isTied, self.fallSpeed, KEEP * size / h)
         # error at which sweeps over what one has left unsolved end, in m/s
         self.tolerance = np.where(self.isUneven, TOLERANCE * self.fallSpeed, self.sinkSpeed)
 
@@ -232,7 +235,7 @@ class SoftContacts(PlacedManifolds):
         some = indices((self.total[:POINTS] > 0.0).any(axis=0))
         smooth = self.normal * ~self.total[POINTS:].any(axis=0)
         given = take(self.ends, some, 1), take(smooth, some, 1), distances.columns
-        share = bounded_share(motion, *given, *distances.strained())
+        share = bounded_share(motion, *given, distances.infeasible())
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck):

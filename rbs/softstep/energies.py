@@ -21,23 +21,21 @@ from rbs.stepping.flight import turn_matrix
 BOUNCED = 1.6
 
 
-def bounded_share(motion, touching, normal, tied, strained, infeasible):
+def bounded_share(motion, touching, normal, tied, infeasible):
     """Leaves each island of connected bodies no more energy than it had, plus the work of gravity.
 
     Where it has more, its velocities shrink if it rests on something, apart from the mean one along
     that, and otherwise its impulses: momentum is conserved where nothing takes it. Islands on which
     torques work, or supports that move differently, are left alone, and so are those without a
-    contact: constraints give back only what they took. Strained ones would give more, and where
-    some are infeasible, gravity's work does not count.
+    contact: constraints give nothing. Where some are infeasible, gravity's work does not count.
     Returns the share (m + 1,) of each body's impulses that is left.
 
     touching : (2, C), columns of `Motion` that touch
     normal : (3, C), their unit normals, or 0 where friction acts, too
-    tied, strained, infeasible : (2, L), (2, S), (2, K), those that constraints join, and that
-        strained and infeasible ones join
+    tied, infeasible : (2, L), (2, K), those that constraints join, and that infeasible ones join
     """
     share, isTumbling = np.ones(len(motion.moving) + 1), motion.drift is not None
-    if len(touching[0]) + len(strained[0]) == 0:
+    if len(touching[0]) + len(infeasible[0]) == 0:
         return share
     isMovable, links = motion.invMass[:-1] > 0.0, np.concatenate((touching, tied), axis=1)
     mass, inertia = 1.0 / np.where(isMovable, motion.invMass[:-1], np.inf), motion.inertia
@@ -70,7 +68,7 @@ def bounded_share(motion, touching, normal, tied, strained, infeasible):
     work = np.where(having(infeasible)[island], 0.0, mass * dot(motion.gravity[:, :-1], way))
     limit, now = total(0.5 * products(begin, begin) + work), turned(velocity)
     energy = total(0.5 * products(now, now))
-    isBound = ~isWorked & (having(touching) | having(strained))
+    isBound = ~isWorked & (having(touching) | having(infeasible))
     isOver = isBound & (energy > limit)
     if not (isOver.any() or isTumbling):
         return share

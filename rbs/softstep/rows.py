@@ -28,9 +28,8 @@ RELAXATION = 1.6
 # cost time. With fewer, corners that slide as they land bounce, bodies creep that carry a thousand
 # times their weight, and a blow takes several steps to pass a row of balls.
 SWEEPS = 12
-# Most sweeps where bounces lose no energy, and passes over constraints in a step whose substeps
-# have another length than the last one's. With fewer, balls lose energy whose points are near each
-# other, and the error of a step's impulses throws chains.
+# Most sweeps where bounces lose no energy. With fewer, balls lose energy whose points are near each
+# other.
 MOST_SWEEPS = 200
 # Error at which sweeps end, and slip at which friction reaches its limit where points slide, as a
 # fraction of the speed that gravity adds per step and substep, or of the largest one. With more,

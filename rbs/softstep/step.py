@@ -7,16 +7,19 @@ and Box2D v3 call this method soft step:
     contacts of near pairs, kept and new                             detection
     bodies that wake, and sleepers that are tried                    sleeping
     each substep of length h:
-        gravity, and the impulses of the last substep                contacts, softconstraints
-        a sweep over all constraints and contacts, which pushes bodies back to their bounds
+        gravity, and the impulses of the last substep                contacts
+        a solution of all constraints, and a velocity that pushes    softconstraints
+            distances to their bounds
+        a sweep over all contacts, which pushes bodies apart
         x += h v
-        a relaxing sweep without the push, whose velocity it removes
+        another solution and sweep without the push, which is dropped
     blows, plastic and elastic, and a bound on their energy, and on  contacts, energies
         that of infeasible constraints
     bodies on trial that stay where they were, and that fall asleep  sleeping
 
-Sweeps go on where a point would otherwise sink far, until none does. They go on until they converge
-where masses are uneven, and in a step whose substeps have another length than the last one's.
+Sweeps go on where a point would otherwise sink far, or at all where constraints pull, until none
+does. They go on until they converge where masses are uneven, and in a step whose substeps have
+another length than the last one's.
 """
 
 import numpy as np
@@ -91,16 +94,16 @@ def soft_step(step):
 
 
 def _make_substep(motion, contacts, distances, h):
-    """Gravity, warm starting and the soft sweep, motion, relaxing sweep."""
+    """Gravity, warm starting, constraints and the soft sweep, motion, and both without the push."""
     motion.velocity += motion.acceleration * h
     contacts.warm_start()
-    if distances.batches:
+    if distances.count:
         contacts.apply(motion)
-        distances.sweep(motion, isSoft=True)
+        distances.pull(motion)
     unsolved = contacts.soft_sweep(motion)
     motion.integrate(h)
-    if distances.batches:
-        distances.sweep(motion, isSoft=False)
+    if distances.count:
+        distances.relax(motion)
         contacts.measure(motion)
     contacts.relax(motion, unsolved)
 

@@ -441,6 +441,47 @@ def chain(engine, count=20, ratio=1000.0):
     return 100 * (max(map(np.linalg.norm, ends)) / 0.3 - 1)
 
 
+def beads(count, ratio=1.0, degrees=0.0):
+    """`(meshes, constraints)` of a straight chain of octahedra, tied at their tips, that leans."""
+    way = np.array([np.sin(np.radians(degrees)), -np.cos(np.radians(degrees)), 0.0])
+    turned = quaternion((0, 0, 1), degrees)
+    links = [
+        shapes.convex_hull(CORNERS / 6, 1.0, 0.5 * k * way, orientation=turned)
+        for k in range(count)
+    ]
+    links.append(shapes.convex_hull(CORNERS / 6, ratio, 0.5 * count * way, orientation=turned))
+    links[0].isFixed = True
+    low, high = (int((s * links[0].origVertices[:, 1]).argmax()) for s in (-1, 1))
+    return links, [[k, low, k + 1, high, 0.3, True] for k in range(count)]
+
+
+def swinging(engine, count, ratio, degrees, seconds=4.0, h=TIME_STEP):
+    """Energy that a chain with a heavy end, let go at an angle, has left, and had at most."""
+    links, ties = beads(count, ratio, degrees)
+
+    def watch():
+        return kinetic(links) + sum(G * m.mass * m.position[0, 1] for m in links[1:])
+
+    run(engine, links, 0.0)
+    tip = links[0].currVertices[ties[0][1], 1]  # below which it hangs at rest
+    rest = sum(G * m.mass * (tip + 0.1 - 0.5 * k) for k, m in enumerate(links[1:], 1))
+    before = watch() - rest
+    settings = {"hasGround": False, "sleeping": False, "linkedBodiesCollide": False}
+    _, track = run(engine, links, seconds, h, watch=watch, constraints=ties, **settings)
+    return (track[-1] - rest) / before, (track.max() - rest) / before
+
+
+def overstretched(engine, count, factor):
+    """Speed of a chain between anchors that are too far apart by a factor, after 4 s."""
+    links, ties = beads(count, 1.0, 90.0)
+    links[-1].isFixed = True
+    for mesh in links:
+        mesh.position = factor * mesh.position
+    settings = {"hasGround": False, "sleeping": False, "linkedBodiesCollide": False}
+    run(engine, links, 4.0, constraints=ties, **settings)
+    return max(np.linalg.norm(mesh.linVelocity) for mesh in links)
+
+
 def ropes(engine, *directions, side=0.2, length=1.0, rigid=False, seconds=4.0):
     """Speed and spin of a cube in the end that ropes tie to anchors 5 m away."""
     meshes, ties = [box(0, 20, sides=(side, side, side))], []
