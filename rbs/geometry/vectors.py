@@ -25,8 +25,13 @@ def dot(a, b):
     return total
 
 
+def cycled(v):
+    """x, y, z, x, y of vectors, which `cross` takes in less time."""
+    return v if len(v) == len(_CYCLE) else v.take(_CYCLE, axis=0)
+
+
 def cross(a, b):
-    a, b = a.take(_CYCLE, axis=0), b.take(_CYCLE, axis=0)
+    a, b = cycled(a), cycled(b)
     return a[1:4] * b[2:5] - a[2:5] * b[1:4]
 
 

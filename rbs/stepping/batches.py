@@ -22,7 +22,7 @@ from rbs.geometry.broadphase import boxes_meet
 from rbs.geometry.facets import Facets, Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.patches import contact_points
-from rbs.geometry.vectors import cross, dot, indices, norm, take
+from rbs.geometry.vectors import cross, cycled, dot, indices, norm, take
 from rbs.stepping.bodies import snapshot_of
 from rbs.stepping.constraints import linked_keys
 from rbs.stepping.kernels import collide, inverse_effective_mass, position_corrections
@@ -97,7 +97,7 @@ def apply_impulses(step, contacts, penPoint, starts):
     bodies = step.bodies
     rank, ends, depth, n, _, after = contacts
     invMasses, invInertias = take(bodies.invMass, ends), take(bodies.invInertia, ends, axis=1)
-    arms = (penPoint + position_corrections(invMasses, depth)[1] * n)[:, None] - after
+    arms = cycled((penPoint + position_corrections(invMasses, depth)[1] * n)[:, None] - after)
     K, response = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
     impulse, friction, velocities = np.empty(depth.shape), np.empty(n.shape), bodies.state[3:9]
     for some in itertools.starmap(slice, itertools.pairwise(starts.tolist())):
@@ -107,7 +107,7 @@ def apply_impulses(step, contacts, penPoint, starts):
         impulse[some], friction[:, some] = collide(velocity, *contact, step)
         velocities[:, b] = velocity
     ends = np.where(ends == len(bodies.meshes), GROUND, ends)
-    step.report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
+    step.report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:3, 0])
 
 
 def find_contacts(bodies, linked):

@@ -2,8 +2,8 @@
 
 Each function has the name of its counterpart there, where it is derived. Both bodies of m pairs are
 along the axis before the last: velocities (6, 2, m), linear and angular; inverse masses (2, m);
-inverse inertia tensors (9, 2, m); arms (3, 2, m) from the COMs to the points. Directions are
-(3, m). No movable body is in two of the pairs.
+inverse inertia tensors (9, 2, m); arms (3, 2, m) from the COMs to the points, or `cycled`.
+Directions are (3, m). No movable body is in two of the pairs.
 """
 
 import numpy as np
