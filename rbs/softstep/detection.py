@@ -215,7 +215,8 @@ def _facing_pairs(frames, first, second, axis):
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
     axis, size = pairs.axis, frames.sizes(first, second)[0]
     # a body that withdraws counts as still, because the impulse of another one may stop it
-    advance = take(frames.spinReach, first) + take(frames.spinReach, second)
+    ownReach = frames.spinReach + frames.tiedReach[:-1]
+    advance = take(ownReach, first) + take(ownReach, second)
     advance += np.maximum(dot(take(frames.shift, first, axis=1), axis), 0.0)
     advance -= np.minimum(dot(take(frames.shift, second, axis=1), axis), 0.0)
     near = indices(pairs.penetration >= -(advance + MARGIN * size))
