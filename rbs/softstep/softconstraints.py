@@ -130,7 +130,7 @@ class SoftConstraints:
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
         force in the middle of the substep, which also keeps points on the circles on which they
         turn. Adds the pseudo-velocity that pushes distances to their bounds."""
-        v, h, isNear = motion.velocity, self.h, self.impulse[self.movable] != 0.0
+        v, h, isNear = motion.rates(), self.h, self.impulse[self.movable] != 0.0
         (first, second), _ = self._points(motion.shift + h * v[:3], motion.turn + h * v[3:])
         change = norm(first - second) - self.length + self.gap
         self._scaled = self._solve(motion, np.zeros(self.count), change / h, isNear)
@@ -143,7 +143,7 @@ class SoftConstraints:
         """Drops the pseudo-velocity, and stops what still violates the bounds."""
         motion.velocity -= self._pushed
         self._update(motion, self._scaled * self.scale)
-        speeds, old = self.J * take(motion.velocity, self._column, 1), self._scaled
+        speeds, old = self.J * take(motion.rates(), self._column, 1), self._scaled
         error = speeds.reshape(6, 2, -1).sum(axis=(0, 1)) + self.gap / self.h
         self._scaled = self._solve(motion, old, error, old != 0.0)
         self.impulse[self.movable] = self._scaled * self.scale

@@ -151,6 +151,12 @@ class Motion:
         self.displacement = np.zeros((6, count + 1))
         self.shift, self.turn = self.displacement[:3], self.displacement[3:]
 
+    def rates(self):
+        """Velocities (6, m + 1) with which bodies move and turn, with the drift."""
+        if self.drift is None:
+            return self.velocity
+        return np.concatenate((self.velocity[:3], self.velocity[3:] + self.drift))
+
     def integrate(self, h):
         self.displacement += h * self.velocity
         if self.drift is not None:

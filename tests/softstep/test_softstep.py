@@ -219,6 +219,33 @@ def test_linked_bodies_do_not_press_each_other_into_the_ground(e, lifts):
     assert 0.1 > min(lowest) > -0.06
 
 
+def test_a_body_that_hangs_and_tumbles_keeps_its_distance_and_its_energy():
+    mesh, anchor = box_body(1.0, 0.2, 2.0, (0, 0, 0)), box_body(1.0, 1.0, 1.0, (0, 2, 0))
+    mesh.angVelocity, anchor.isFixed = np.array([[2.0, 8.0, 1.0]]), True
+    length = np.linalg.norm(mesh.currVertices[0] - anchor.currVertices[0])
+    state, found = SolverState(), []
+    bar = [[0, 0, 1, 0, length, isUpper] for isUpper in (True, False)]
+    for _ in range(100):
+        simulate([mesh, anchor], 1, state, hasGround=False, constraints=bar, gyroscopic=True)
+        stretch = np.linalg.norm(mesh.currVertices[0] - anchor.currVertices[0]) - length
+        found.append((stretch, kinetic([mesh]) - GRAVITY * mesh.mass * mesh.position[0, 1]))
+    stretch, energy = np.transpose(found)
+    assert stretch.max() < 1e-3 and np.abs(energy / energy[0] - 1.0).max() < 0.03
+
+
+def test_bars_hold_a_body_as_thin_as_a_needle():
+    """Rounding makes the equations of its bars indefinite."""
+    turn = random_quaternions(np.random.default_rng(0), 1)[0]
+    meshes, bars = [box_body(1.0, 1e-6, 1e-6, (0, 10, 0), orientation=turn)], []
+    for k, way in itertools.product(range(8), (*np.eye(3), *-np.eye(3))):
+        tip = meshes[0].currVertices[k]
+        meshes.append(box_body(0.1, 0.1, 0.1, tip + 3.0 * way, isFixed=True))
+        length = np.linalg.norm(tip - meshes[-1].currVertices[0])
+        bars += [[0, k, len(meshes) - 1, 0, length, isUpper] for isUpper in (True, False)]
+    simulate(meshes, 5, hasGround=False, constraints=bars)
+    assert np.linalg.norm(meshes[0].angVelocity) < 0.5 and top_speed(meshes) < 1e-4
+
+
 def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground():
     """120 times as heavy, and so solved until it converges; and 30 times."""
     pairs, kinds = [], [(60, 10)] * 8 + [(15, 40)] * 8
