@@ -6,17 +6,11 @@ Cases of each kind are made up, and compared with one long slab or with closed f
 import itertools
 
 import numpy as np
+import oracles
 import pytest
-from experiments import above, box
-from oracles import (
-    box_body,
-    ground,
-    penetrations,
-    quaternion,
-    random_quaternions,
-    rotation,
-    state_of,
-)
+from engines import throw
+from experiments import above, box, roller
+from oracles import box_body, ground, penetrations, quaternion, rotation, state_of
 
 from rbs.softstep.step import SolverState
 from RBSFunctions import run_timestep
@@ -49,21 +43,12 @@ def ball():
 
 def tiles(width=2.0, depth=2.0, rows=3, uneven=0.0, turn=0.0, count=9):
     """Fixed blocks of height 1 below y = 0 from x = -3 on, or lower by up to `uneven`."""
-    q, rng = quaternion((0, 1, 0), turn), np.random.default_rng(1)
-    places = [
-        (-3 + (k + 0.5) * width, (r - rows // 2) * depth) for k in range(count) for r in range(rows)
-    ]
-    return [
-        box_body(
-            width,
-            1,
-            depth,
-            rotation(q).apply((x, -0.5 - uneven * rng.random(), z)),
-            orientation=q,
-            isFixed=True,
-        )
-        for x, z in places
-    ]
+    q, rng, meshes = quaternion((0, 1, 0), turn), np.random.default_rng(1), []
+    for k, r in itertools.product(range(count), range(rows)):
+        place = -3 + (k + 0.5) * width, -0.5 - uneven * rng.random(), (r - rows // 2) * depth
+        place, settings = rotation(q).apply(place), {"orientation": q, "isFixed": True}
+        meshes.append(box_body(width, 1, depth, place, **settings))
+    return meshes
 
 
 def triangles(side=1.4, rows=4, count=10):
@@ -89,9 +74,7 @@ def free_row(width=1.0, height=1.0, depth=2.0):
 
 def spun(spin, *place):
     """A flat box that spins about its vertical axis."""
-    mesh = box_body(1.2, 0.4, 0.9, place)
-    mesh.angVelocity = np.array([[0.0, spin, 0.0]])
-    return mesh
+    return throw(box_body(1.2, 0.4, 0.9, place), spin=(0.0, spin, 0.0))
 
 
 def dropped(mesh, height):
@@ -161,14 +144,6 @@ def test_what_slides_over_seams_does_not_feel_them():
     assert not list(itertools.compress(SEAMS, isFelt))
 
 
-def roller(sides):
-    """A prism of radius 0.5 that lies on one of its sides, with its axis along z."""
-    angle = 2 * np.pi * (np.arange(sides) + 0.5) / sides - np.pi / 2
-    x, y = 0.5 * np.cos(angle), 0.5 * np.sin(angle)
-    points = [(*p, z) for p in zip(x, y, strict=True) for z in (-0.4, 0.4)]
-    return above(shapes.convex_hull(points, 1.0))
-
-
 def test_what_rolls_over_seams_does_not_feel_them():
     """Within 5 %, as much as time steps of 0.02 and 0.005 s differ. If bodies touched beyond edges,
     the prisms would come 0.55 to 0.9 of their way, and rise by 0.1 m.
@@ -177,8 +152,8 @@ def test_what_rolls_over_seams_does_not_feel_them():
     for k, make in enumerate((ball, lambda: roller(16), lambda: roller(32))):
         speed, width = (1, 3, 3)[k], (1.1, 0.5, 1.1)[k]
         for floor in (slab(20), tiles(width, width, count=round(12 / width))):
-            lanes.append((make(), floor, (speed, 0, 0)))
-            lanes[-1][0].angVelocity = np.array([[0.0, 0.0, -2.0 * speed]])
+            mover = throw(make(), spin=(0.0, 0.0, -2.0 * speed))
+            lanes.append((mover, floor, (speed, 0, 0)))
     way, _, lift = slide(lanes, 1.5, mu=0.5)
     assert way[::2].min() > 0.6 and way[1::2] == pytest.approx(way[::2], rel=0.05)
     assert (lift[1::2] < lift[::2] + 5e-3).all()
@@ -227,7 +202,7 @@ def test_what_slides_down_a_slope_goes_on_where_it_meets_the_floor():
         q = quaternion((0, 0, 1), -degrees)
         turn = rotation(q)
         mover = box(*turn.apply((-way, 0.5, 0)), orientation=q)
-        mover.linVelocity = turn.apply((speed, 0, 0))[None]
+        throw(mover, turn.apply((speed, 0, 0)))
         slope = box_body(40, 1, 4, turn.apply((-20, -0.5, 0)), orientation=q, isFixed=True)
         places = [((k + 0.5) * width, -0.5, 0) for k in range(3)]
         lanes.append([mover, slope, *(box_body(width, 1, 4, p, isFixed=True) for p in places)])
@@ -257,19 +232,15 @@ def test_an_edge_that_stands_out_of_the_floor_stops_a_box():
 
 def test_tiles_that_move_together_carry_a_box_over_their_seams():
     floor, turning = tiles(), tiles()
-    for mesh in floor:
-        mesh.linVelocity = np.array([[1.0, 0.0, 0.0]])
-    for mesh in turning:
-        mesh.linVelocity = np.cross([0.0, 0.3, 0.0], mesh.position[0])[None]
-        mesh.angVelocity = np.array([[0.0, 0.3, 0.0]])
+    for mesh, other in zip(floor, turning, strict=True):
+        throw(mesh, (1.0, 0.0, 0.0))
+        throw(other, np.cross([0.0, 0.3, 0.0], other.position[0]), (0.0, 0.3, 0.0))
     way, speed, lift = slide([(box(), floor, (3, 0, 0)), (box(), turning, (3, 0, 0))])
     assert way == pytest.approx(1.0, abs=0.02) and speed == pytest.approx(1.0, abs=0.02)
     assert max(lift) < 5e-3
 
 
-# --------------------------------------------------------------------------------------------------
 # Blows, energy, loads
-# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("e, most", [(0.0, 1e-3), (0.3, 0.31)])
@@ -277,9 +248,8 @@ def test_tiles_that_move_together_carry_a_box_over_their_seams():
 def test_a_corner_that_slides_as_it_lands_separates_at_e_times_its_approach(e, most, sides):
     rng, ratios = np.random.default_rng(7), []
     for gap in np.linspace(0.001, 0.12, 12):
-        mesh = box_body(*sides, (0, 0, 0), orientation=random_quaternions(rng, 1)[0])
-        mesh.position = np.array([[0, gap - mesh.currVertices[:, 1].min(), 0]])
-        mesh.linVelocity = np.array([[3.0, -2.0, 0.0]])
+        mesh = box_body(*sides, (0, 0, 0), orientation=oracles.random_quaternions(rng, 1)[0])
+        throw(above(mesh, gap), (3.0, -2.0, 0.0))
         corner, state = int(mesh.currVertices[:, 1].argmin()), SolverState()
         for _ in range(12):
             arm = mesh.currVertices[corner] - mesh.position[0]
@@ -298,8 +268,8 @@ def test_a_blow_on_tiles_is_not_repeated():
     """If it were, a wall would throw a box back at a tenth of its speed."""
     lanes, due = [], []
     for isFixed, speed in (True, 2.0), (True, 5.0), (False, 2.0), (False, 3.0):
-        mover, other = box(), box_body(1, 1, 1 + 9 * isFixed, (2.2, 0.5, 0), isFixed=isFixed)
-        mover.linVelocity = np.array([[speed, 0.0, 0.3 * speed * isFixed]])
+        mover = throw(box(), (speed, 0.0, 0.3 * speed * isFixed))
+        other = box_body(1, 1, 1 + 9 * isFixed, (2.2, 0.5, 0), isFixed=isFixed)
         lanes.append([mover, other, *tiles(1.1, 1.1, rows=8)])
         ends = ((0, 0, 0.3), (0, 0, 0)) if isFixed else ((0.5, 0, 0), (0.5, 0, 0))
         due.append(speed * np.array(ends))
@@ -332,9 +302,7 @@ def test_legs_carry_a_load_off_their_middle():
     assert top.position[0, 1] > 1.245
 
 
-# --------------------------------------------------------------------------------------------------
 # Sleep, and supports that are removed
-# --------------------------------------------------------------------------------------------------
 
 
 def test_contacts_of_sleepers_balance_gravity():
@@ -362,9 +330,7 @@ def test_contacts_of_sleepers_balance_gravity():
         assert np.abs(net[sleepers] / weight[sleepers, None]).max() < 0.05
 
 
-# --------------------------------------------------------------------------------------------------
 # Grounds that move, and bodies that are linked
-# --------------------------------------------------------------------------------------------------
 
 
 def platform():

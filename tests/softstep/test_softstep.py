@@ -6,7 +6,8 @@ import itertools
 import numpy as np
 import oracles
 import pytest
-from experiments import kinetic
+from engines import throw
+from experiments import energy, top_speed
 from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation, state_of
 from scipy.spatial.transform import Rotation
 
@@ -31,10 +32,6 @@ def simulate(meshes, steps, state=None, CRCoeff=0.0, hasGround=True, timeStep=H,
 
 def positions(meshes):
     return np.array([m.position[0] for m in meshes])
-
-
-def top_speed(meshes):
-    return max(np.linalg.norm(m.linVelocity) for m in meshes)
 
 
 def some_heap(seed=3, count=7):
@@ -220,17 +217,17 @@ def test_linked_bodies_do_not_press_each_other_into_the_ground(e, lifts):
 
 
 def test_a_body_that_hangs_and_tumbles_keeps_its_distance_and_its_energy():
-    mesh, anchor = box_body(1.0, 0.2, 2.0, (0, 0, 0)), box_body(1.0, 1.0, 1.0, (0, 2, 0))
-    mesh.angVelocity, anchor.isFixed = np.array([[2.0, 8.0, 1.0]]), True
+    mesh = throw(box_body(1.0, 0.2, 2.0, (0, 0, 0)), spin=(2.0, 8.0, 1.0))
+    anchor, state, found = box_body(1, 1, 1, (0, 2, 0), isFixed=True), SolverState(), []
     length = np.linalg.norm(mesh.currVertices[0] - anchor.currVertices[0])
-    state, found = SolverState(), []
     bar = [[0, 0, 1, 0, length, isUpper] for isUpper in (True, False)]
     for _ in range(100):
         simulate([mesh, anchor], 1, state, hasGround=False, constraints=bar, gyroscopic=True)
-        stretch = np.linalg.norm(mesh.currVertices[0] - anchor.currVertices[0]) - length
-        found.append((stretch, kinetic([mesh]) - GRAVITY * mesh.mass * mesh.position[0, 1]))
-    stretch, energy = np.transpose(found)
-    assert stretch.max() < 1e-3 and np.abs(energy / energy[0] - 1.0).max() < 0.03
+        way = mesh.currVertices[0] - anchor.currVertices[0]
+        found.append((np.linalg.norm(way), energy([mesh])))
+    lengths, energies = np.transpose(found)
+    assert lengths == pytest.approx(length, abs=1e-3)
+    assert energies == pytest.approx(energies[0], rel=0.03)
 
 
 def test_bars_hold_a_body_as_thin_as_a_needle():
@@ -252,8 +249,8 @@ def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground()
     for k, (density, speed) in enumerate(kinds):
         pairs.append([box_body(4, 2, 4, (0, 1, 20 * k))])
         place, turn = (0.2 * (k % 8), 6, 20 * k + 0.3), quaternion((0, 0, 1), 20)
-        pairs[k].append(box_body(4, 4, 4, place, density=density, orientation=turn))
-        pairs[k][1].linVelocity = np.array([[0.0, -speed, 0.0]])
+        heavy = box_body(4, 4, 4, place, density=density, orientation=turn)
+        pairs[k].append(throw(heavy, (0.0, -speed, 0.0)))
     state, lows, hits = SolverState(), [], set()
     for _ in range(15):
         report = simulate([mesh for pair in pairs for mesh in pair], 1, state)[1]
@@ -275,13 +272,12 @@ def test_the_ground_takes_no_momentum_without_friction(e):
         rng = np.random.default_rng(k)
         groups.append(some_heap(k, 4))
         for i, mesh in enumerate(groups[k]):
-            mesh.position = np.array(
-                [[rng.uniform(-3, 3), 4 + 4 * i, 100 * k + rng.uniform(-3, 3)]]
-            )
-            mesh.linVelocity = np.array([[rng.uniform(1, 7), 0.0, rng.uniform(-3, 3)]])
+            place = rng.uniform(-3, 3), 4 + 4 * i, 100 * k + rng.uniform(-3, 3)
+            mesh.position = np.array([place])
+            throw(mesh, (rng.uniform(1, 7), 0.0, rng.uniform(-3, 3)))
     assert groups[0][0].currVertices[:, 1].min() < 0.0
     groups.append([box_body(1, 1, 1, (x, 0.5, -100)) for x in (-1.8, *range(5))])
-    groups[2][0].linVelocity = np.array([[1.0, 0.0, 0.0]])
+    throw(groups[2][0], (1.0, 0.0, 0.0))
 
     def momenta():
         sums = [sum(m.mass * m.linVelocity[0, ::2] for m in meshes) for meshes in groups]
@@ -304,9 +300,8 @@ def test_two_bodies_collide_alike_whichever_is_the_first():
         rng, meshes = np.random.default_rng(1), []
         for k, x in itertools.product(range(10), (0.0, 1.5)):
             place = np.array([x, *rng.uniform(-0.3, 0.3, 2)]) + (0, 0, 10 * k)
-            meshes.append(box_body(1, 1, 1, place, orientation=random_quaternions(rng, 1)[0]))
-            meshes[-1].linVelocity = np.array([[1.0 if x == 0.0 else -1.0, 0.0, 0.0]])
-            meshes[-1].angVelocity = rng.normal(size=(1, 3))
+            mesh = box_body(1, 1, 1, place, orientation=random_quaternions(rng, 1)[0])
+            meshes.append(throw(mesh, (1.0 if x == 0.0 else -1.0, 0.0, 0.0), rng.normal(size=3)))
         simulate(meshes[order], 20, hasGround=False, gravity=(0, 0, 0))
         results.append(state_of(meshes))
     assert (np.abs(results[0][::2, 7] - 1.0) > 0.1).all()  # they have hit each other
@@ -319,17 +314,11 @@ def test_a_bounce_far_away_moves_nothing():
     results = []
     for height in (0.55, 50.0):  # one lands in the first step, one in none
         meshes = [box_body(1, 1, 1, (0, k + 0.5, 0)) for k in range(4)]
-        meshes.append(box_body(1, 1, 1, (100, height, 0)))
-        meshes[4].linVelocity = np.array([[0.0, -5.0, 0.0]])
+        meshes.append(throw(box_body(1, 1, 1, (100, height, 0)), (0.0, -5.0, 0.0)))
         simulate(meshes, 10, CRCoeff=1.0)
         results.append(state_of(meshes))
     assert results[0][4, 8] > 2.0  # it has bounced
     assert results[0][:4] == pytest.approx(results[1][:4], abs=1e-12)
-
-
-def energy(meshes):
-    """The kinetic energy, and the potential energy above y = 0."""
-    return kinetic(meshes) - GRAVITY * sum(m.mass * m.position[0, 1] for m in meshes)
 
 
 @pytest.mark.parametrize(
