@@ -90,14 +90,12 @@ def tiles(width=2.0, count=9, isFixed=True):
     return [box(x, -0.5, z, (width, 1, 4), isFixed=isFixed) for x, z in places]
 
 
-def wall():
-    return [box(-3 + 1.5 * k, 1, 1, (1.5, 2, 1), isFixed=True) for k in range(20)]
-
-
 FLOORS = {
     "tiles": tiles,
     "slab": lambda: [box(0, -0.5, 0, (60, 1, 8), isFixed=True)],
-    "wall": lambda: tiles() + wall(),
+    "wall": lambda: (
+        tiles() + [box(1.5 * k, 1, 1, (1.5, 2, 1), isFixed=True) for k in range(-2, 18)]
+    ),
     "free row": lambda: tiles(1.0, 14, False)[1::3],
 }
 CORNERS = 0.6 * np.vstack((np.eye(3), -np.eye(3)))
@@ -170,8 +168,7 @@ def flat_landing(engine):
 
 def bounce(engine, h, e=1.0):
     """Energy that a cube has after it has bounced flat, of that before."""
-    mesh = box(y=1.5)
-    rest = mesh.mass * G * 0.5
+    mesh, rest = box(y=1.5), energy([box()])
     before = energy([mesh]) - rest
     run(engine, [mesh], 0.8, h, e)
     return (energy([mesh]) - rest) / before
@@ -284,9 +281,9 @@ def slope(engine, degrees):
     return mesh.position[0, 0]
 
 
-def pendulum(engine, degrees, length, seconds=30.0):
-    """Energy that a pendulum has at the end, of that at the start."""
-    anchor, bob = box(0, 30, 0, isFixed=True), box(0, 0, 0, (0.2, 0.2, 0.2))
+def pendulum(engine, degrees, length, seconds=30.0, side=0.2, spin=(0, 0, 0), **settings):
+    """Energy that a pendulum has at the end, of that at the start. side : of its bob, along x"""
+    anchor, bob = box(0, 30, 0, isFixed=True), throw(box(0, 0, 0, (side, 0.2, 0.2)), spin=spin)
     corner, tip = (int((s * m.origVertices.sum(1)).argmax()) for s, m in ((-1, anchor), (1, bob)))
     point, arm = anchor.currVertices[corner], bob.origVertices[tip]
     string = rotation(quaternion((0, 0, 1), degrees)).apply([0, 1, 0])  # from the bob up
@@ -295,10 +292,8 @@ def pendulum(engine, degrees, length, seconds=30.0):
     bob.position = (point - reach * string)[None]
     low, tie = point[1] - reach, [[0, corner, 1, tip, length, upper] for upper in (True, False)]
 
-    def watch():
-        return (bob.linVelocity**2).sum() / 2 + G * (bob.position[0, 1] - low)
-
-    _, energies = run(engine, [anchor, bob], seconds, watch=watch, constraints=tie)
+    settings |= {"watch": lambda: energy([bob]) - bob.mass * G * low, "constraints": tie}
+    _, energies = run(engine, [anchor, bob], seconds, **settings)
     return np.mean(energies[-150:]) / np.mean(energies[:150])
 
 
@@ -321,10 +316,8 @@ def stack_falls(engine, sleeping, count=20, how="moved aside"):
             world.settings["solverState"].remove(0)
             del world.meshes[0]
 
-    def watch():
-        return low.position[0, 1], high.position[0, 1]
-
-    _, track = run(engine, meshes, 5.4, sleeping=sleeping, act=act, watch=watch)
+    settings = {"watch": lambda: (low.position[0, 1], high.position[0, 1]), "sleeping": sleeping}
+    _, track = run(engine, meshes, 5.4, act=act, **settings)
     return track[249] - track[-1]
 
 

@@ -5,6 +5,7 @@ Cases of each kind are made up, and compared with one long slab or with closed f
 
 import itertools
 
+import experiments
 import numpy as np
 import oracles
 import pytest
@@ -19,14 +20,10 @@ from RigidBodySimulation import shapes
 G, H = 9.8, 0.02
 
 
-def run(meshes, seconds, e=0.0, h=H, hasGround=False, state=None, watch=None, **settings):
-    state = SolverState() if state is None else state
-    settings = {"mu": 0.0, "contactSolver": "soft-step", "solverState": state} | settings
-    for _ in range(round(seconds / h)):
-        run_timestep(meshes, ground() if hasGround else None, h, e, **settings)
-        if watch is not None:
-            watch()
-    return state
+def run(meshes, seconds, **settings):
+    """The solver's state after steps, without ground and friction unless they are given."""
+    settings = {"mu": 0.0, "hasGround": False} | settings
+    return experiments.run("soft step", meshes, seconds, **settings)[0].settings["solverState"]
 
 
 def prism(sides, radius, height):
@@ -72,9 +69,9 @@ def free_row(width=1.0, height=1.0, depth=2.0):
     return [box_body(width, height, depth, place) for place in places]
 
 
-def spun(spin, *place):
+def spun(spin, x=0.0, y=0.2, z=0.0):
     """A flat box that spins about its vertical axis."""
-    return throw(box_body(1.2, 0.4, 0.9, place), spin=(0.0, spin, 0.0))
+    return throw(box_body(1.2, 0.4, 0.9, (x, y, z)), spin=(0.0, spin, 0.0))
 
 
 def dropped(mesh, height):
@@ -127,11 +124,7 @@ SEAMS = {
     "heavy rider": (lambda: box(density=8.0), lambda: free_row(2.0, 0.2, 3.0), (3, 0, 0.1)),
     "landing": (lambda: box(-0.52, 0.8), tiles, (5, 0, 0)),
     "landing on triangles": (lambda: dropped(prism(6, 0.6, 0.5), 0.5), triangles, (3, 0, 0.2)),
-    "free row, spinning": (
-        lambda: spun(12, 0, 0.2, 0),
-        lambda: free_row(1.04, 0.5, 3.0),
-        (0.6, 0, 0),
-    ),
+    "free row, spinning": (lambda: spun(12, 0, 0.2), lambda: free_row(1.04, 0.5, 3), (0.6, 0, 0)),
     "spinning": (lambda: spun(6, 0, 0.2, 0), lambda: tiles(0.9, 0.9, 5), (2, 0, 0)),
     "spinning fast": (lambda: spun(25, 0.1, 0.2, 0.2), lambda: tiles(0.9, 0.9, 5), (2, 0, 0)),
 }
@@ -254,7 +247,7 @@ def test_a_corner_that_slides_as_it_lands_separates_at_e_times_its_approach(e, m
         for _ in range(12):
             arm = mesh.currVertices[corner] - mesh.position[0]
             before = (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm))[1]
-            run([mesh], H, e, hasGround=True, state=state, mu=1.0)
+            run([mesh], H, e=e, hasGround=True, solverState=state, mu=1.0)
             after = (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm))[1]
             if after - before > 0.5:
                 ratios.append(-after / before)
@@ -297,7 +290,7 @@ def test_legs_carry_a_load_off_their_middle():
     top = box_body(2, 0.5, 2, (0.3, 1.25, 0), density=20 * 0.36 / 2)
     meshes, settings = [*legs, top], {"hasGround": True, "mu": 0.5, "sleeping": False}
     state, places = run(meshes, 1.5, **settings), state_of(meshes)[:, [0, 2]]
-    run(meshes, 1.5, state=state, **settings)
+    run(meshes, 1.5, solverState=state, **settings)
     assert np.abs(state_of(meshes)[:, [0, 2]] - places).max() < 2e-3
     assert top.position[0, 1] > 1.245
 
@@ -333,16 +326,10 @@ def test_contacts_of_sleepers_balance_gravity():
 # Grounds that move, and bodies that are linked
 
 
-def platform():
-    return box_body(40, 1, 40, (0, -0.5, 0), isFixed=True)
-
-
-@pytest.mark.parametrize(
-    "make, velocity, spin", [(ground, (1, 0, -0.5), 0.0), (platform, (0, 0, 0), 0.5)]
-)
-def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(make, velocity, spin):
-    floor, mesh, state = make(), box(1.0), SolverState()
-    isGround, options = make is ground, {"mu": 1.0, "contactSolver": "soft-step"}
+@pytest.mark.parametrize("velocity, spin", [((1, 0, -0.5), 0.0), ((0, 0, 0), 0.5)])
+def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(velocity, spin):
+    isGround, options = spin == 0.0, {"mu": 1.0, "contactSolver": "soft-step"}
+    floor, mesh, state = ground() if isGround else slab()[0], box(1.0), SolverState()
 
     def step(seconds):
         for _ in range(round(seconds / H)):
@@ -367,7 +354,7 @@ def test_a_sleeping_stack_moves_like_one_that_never_sleeps():
     """Its support begins to move, however slowly: along, up, down, about its axis."""
     ends = []
     for sleeping in (True, False):
-        lanes = [[platform(), *(box(0.0, 0.5 + k) for k in range(3))] for _ in range(4)]
+        lanes = [[*slab(40), *(box(0.0, 0.5 + k) for k in range(3))] for _ in range(4)]
         meshes, state = in_lanes(*lanes, width=60.0), SolverState()
         along, up, down, turned = (lane[0] for lane in lanes)
         for k in range(200):
@@ -378,7 +365,7 @@ def test_a_sleeping_stack_moves_like_one_that_never_sleeps():
                 up.position = up.position + (0, 5e-4, 0)
                 down.position = down.position - (0, 5e-4, 0)
                 turned.orientation = quaternion((0, 1, 0), 0.02 * (k - 99))[None]
-            run(meshes, H, mu=0.5, sleeping=sleeping, state=state)
+            run(meshes, H, mu=0.5, sleeping=sleeping, solverState=state)
         ends.append(state_of(meshes)[:, :7])
     assert np.allclose(*ends, atol=2e-3)
     tops = ends[0][3::4] - [(0, 2.5, 60 * k, 1, 0, 0, 0) for k in range(4)]
@@ -392,7 +379,7 @@ def test_a_sleeping_stack_moves_when_gravity_turns_or_friction_ends(mu, gravity,
     state = run(meshes, 2.0, hasGround=True, mu=0.5)
     assert state.sleep.isAsleep.all()
     start = state_of(meshes)[:, :2]
-    run(meshes, 1.0, hasGround=True, mu=mu, state=state, gravity=gravity)
+    run(meshes, 1.0, hasGround=True, mu=mu, solverState=state, gravity=gravity)
     assert (state_of(meshes)[:, :2] - start).max(axis=1) == pytest.approx(way, abs=0.03)
 
 
