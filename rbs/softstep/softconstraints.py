@@ -42,7 +42,7 @@ class SoftConstraints:
     movable : (K,), those that can move; all that follows is of these
     visits : number of impulses that all solutions of the step have solved for
     columns : (2, K), of `Motion`; scale : (K,), by which scaled impulses are multiplied
-    sides, rows : (2, P), pairs of sides (2 K,) that act on the same moving body, and their rows
+    ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the constraints that have them
     """
 
     def __init__(self, key, frames, motion, kept, h, ratio):
@@ -67,7 +67,7 @@ class SoftConstraints:
         # no faster than the smaller body falls by its radius, as contacts
         self.pushSpeed = np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
         isMoving = motion.invMass[self._column] > 0.0
-        self.sides, self.rows, self._order = _paired(self._column.tobytes(), isMoving.tobytes())
+        self.ends, self.rows, self._order = _paired(self._column.tobytes(), isMoving.tobytes())
         self._free, self._pull = motion.invInertia.copy(), np.zeros(self.count)
         self._last = np.abs(self.impulse[self.movable])
         self._update(motion, self._last)
@@ -83,7 +83,7 @@ class SoftConstraints:
         angular = mat_vec(take(motion.invInertia, self._column, axis=1), rCrossD)
         self.J = np.concatenate((d, rCrossD))
         self.MJ = np.concatenate((take(motion.invMass, self._column) * d, angular))
-        (i, j), (p, q) = self.rows, self.sides
+        (i, j), (p, q) = self.rows, self.ends
         A = np.add.reduce(take(self.J, p, 1) * take(self.MJ, q, 1))
         self.scale = 1.0 / np.sqrt(np.bincount(i[i == j], A[i == j], self.count))
         self.A = A * take(self.scale, i) * take(self.scale, j)
@@ -174,7 +174,7 @@ class SoftConstraints:
         return wanted
 
     def _answer(self, isActive, speed, softness):
-        """Scaled impulses (K,) of active rows that stop speeds (K,): (A + softness) λ = -u"""
+        """Scaled impulses (K,) of active ones that stop the speeds (K,): (A + softness) λ = -u"""
         order = self._order[isActive[self._order]]
         answer, count = np.zeros(self.count), len(order)
         if count == 0:
@@ -208,19 +208,19 @@ class SoftConstraints:
 
 @lru_cache(maxsize=8)
 def _paired(columns, isMoving):
-    """`(sides, rows, order)`: those of `SoftConstraints`, and an order (K,) in which rows are near
-    each other that share a body. From the bytes of the columns of all sides, and which move.
+    """`(ends, rows, order)`: those of `SoftConstraints`, and an order (K,) in which constraints are
+    near each other that share a body. From the bytes of the columns of all ends, and which move.
     """
     columns, isMoving = np.frombuffer(columns, np.intp), np.frombuffer(isMoving, bool)
-    count, side = len(columns) // 2, indices(isMoving)
-    body = csr_array((np.ones(len(side)), (side, columns[side])), (2 * count, columns.max() + 1))
-    sides = np.array((body @ body.T).nonzero()).astype(np.intp)
-    rows = sides % count
+    count, end = len(columns) // 2, indices(isMoving)
+    body = csr_array((np.ones(len(end)), (end, columns[end])), (2 * count, columns.max() + 1))
+    ends = np.array((body @ body.T).nonzero()).astype(np.intp)
+    rows = ends % count
     shared = csr_array((np.ones(len(rows[0])), tuple(rows)), (count, count))
     order = csgraph.reverse_cuthill_mckee(shared, True)
     place = order.argsort()[rows]
     some = indices(place[0] >= place[1])
-    return take(sides, some, 1), take(rows, some, 1), order
+    return take(ends, some, 1), take(rows, some, 1), order
 
 
 def changed_ends(key, before):
