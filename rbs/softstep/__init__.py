@@ -9,7 +9,7 @@ Selected by `contactSolver="soft-step"`. In reading order:
     rows             contacts as rows of velocity constraints, with their derivation; springs
     energies         a bound on the energy that contacts give
     contacts         contact impulses: springs, relaxation, and blows
-    softconstraints  distance constraints, solved together
+    softconstraints  all distance constraints, solved together
     sleeping         resting bodies that are skipped, and when they wake
     step             the substeps, and the state carried over to the next step
 """

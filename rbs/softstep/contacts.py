@@ -94,9 +94,9 @@ class SoftContacts(PlacedManifolds):
         # without gravity, nothing is a load
         loads = loads * np.where(motion.fallRate > 0.0, self.weight, 1.0 / TINY)
         self.most = (1.0 - self.softness) * loads
-        # impulses of substeps of another length are a wrong start, which one sweep would leave
+        # impulses of shorter substeps are a wrong start, which one sweep would leave
         self.isUneven = isUneven | (ratio > 1.0)
-        # constraints may pull down what one sweep has stopped, in every substep
+        # in every substep, constraints may pull down again what one sweep has stopped
         isTied = frames.tiedReach > 0.0
         isTied = isTied[self.first] | isTied[self.second]
         self.sinkSpeed = np.where(isTied, self.fallSpeed, KEEP * size / h)
@@ -183,7 +183,7 @@ class SoftContacts(PlacedManifolds):
     def _unsolved(self, motion):
         """`(manifolds (K,), their `ContactRows` or None)` that one sweep leaves unsolved.
 
-        Those of uneven islands, and all of bodies with a point that would still sink by KEEP.
+        Those of uneven islands, and all of bodies of which a point sinks faster than `sinkSpeed`.
         """
         sinking = np.maximum(self.separation, 0.0) / self.h + self.speed[:POINTS] < -self.sinkSpeed
         isSinking = np.zeros(len(motion.invMass), dtype=bool)

@@ -27,12 +27,12 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     Where it has more, its velocities shrink if it rests on something, apart from the mean one along
     that, and otherwise its impulses: momentum is conserved where nothing takes it. Islands on which
     torques work, or supports that move differently, are left alone, and so are those without a
-    contact: constraints give nothing. Where some are infeasible, gravity's work does not count.
+    contact: feasible constraints add none. With infeasible ones, gravity's work does not count.
     Returns the share (m + 1,) of each body's impulses that is left.
 
     touching : (2, C), columns of `Motion` that touch
     normal : (3, C), their unit normals, or 0 where friction acts, too
-    tied, infeasible : (2, L), (2, K), those that constraints join, and that infeasible ones join
+    tied, infeasible : (2, L), (2, K), those that constraints join, and those of infeasible ones
     """
     share, isTumbling = np.ones(len(motion.moving) + 1), motion.drift is not None
     if len(touching[0]) + len(infeasible[0]) == 0:

@@ -8,18 +8,18 @@ and Box2D v3 call this method soft step:
     bodies that wake, and sleepers that are tried                    sleeping
     each substep of length h:
         gravity, and the impulses of the last substep                contacts
-        a solution of all constraints, and a velocity that pushes    softconstraints
-            distances to their bounds
+        all constraints solved together, and a pseudo-velocity       softconstraints
+            that pushes distances to their bounds
         a sweep over all contacts, which pushes bodies apart
         x += h v
-        another solution and sweep without the push, which is dropped
+        both again without the pushes, which are dropped
     blows, plastic and elastic, and a bound on their energy, and on  contacts, energies
         that of infeasible constraints
     bodies on trial that stay where they were, and that fall asleep  sleeping
 
-Sweeps go on where a point would otherwise sink far, or at all where constraints pull, until none
-does. They go on until they converge where masses are uneven, and in a step whose substeps have
-another length than the last one's.
+Sweeps over contacts go on while a point would sink far, or on a linked body, faster than gravity
+makes it in a step. They go on until they converge where masses are uneven, and in a step whose
+substeps are longer than the last one's.
 """
 
 import numpy as np
@@ -30,7 +30,7 @@ from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.rows import inverted
 from rbs.softstep.sleeping import Sleep, beside, connected, wake
-from rbs.softstep.softconstraints import SoftConstraints, bounds, changed_ends
+from rbs.softstep.softconstraints import SoftConstraints, changed_ends, constraint_keys
 from rbs.stepping.bodies import snapshot_of
 from rbs.stepping.flight import turned
 from rbs.stepping.meshes import check_numbers
@@ -45,7 +45,7 @@ def soft_step(step):
         state = SolverState() if state is None else state
         kept, isBereft = state.begun(bodies)
         h, hasGround = step.timeStep / step.substeps, step.groundMesh is not None
-        constraints = bounds(step.constraints, bodies)
+        constraints = constraint_keys(step.constraints, bodies)
         tied = constraints[0:4:2].astype(np.intp)
         isDisturbed, ratio = kept.disturbed(step, hasGround, constraints, tied, h)
         bodies.start_moved(kept.sleep.state[:3], kept.sleep.state[9:], step.timeStep)
@@ -150,6 +150,12 @@ class Motion:
         self.begin = self.velocity.copy()
         self.displacement = np.zeros((6, count + 1))
         self.shift, self.turn = self.displacement[:3], self.displacement[3:]
+
+    def rates(self):
+        """Velocities (6, m + 1) with which bodies move and turn, with the drift."""
+        if self.drift is None:
+            return self.velocity
+        return np.concatenate((self.velocity[:3], self.velocity[3:] + self.drift))
 
     def integrate(self, h):
         self.displacement += h * self.velocity

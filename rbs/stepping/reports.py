@@ -42,7 +42,8 @@ class StepReport:
 
     candidatePairs : number of pairs that the broad phase passed to the collision test
     constraintVisits : number of constraints that were checked, and corrected if violated. Those
-        that no motion can violate or correct, such as a lower bound of 0, are not
+        that no motion can violate or correct, such as a lower bound of 0, are not. In the soft
+        step, each solution counts the active ones for whose impulses it solves
     seconds : dict, time spent in each of the PHASES
     isAsleep : (n,) bool, bodies that the soft step skips; None with the other solver
     found : contacts that are not listed yet: the arguments and the result of `resolve_collision`

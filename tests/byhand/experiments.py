@@ -8,6 +8,7 @@ otherwise. Tests hold the soft step to the rows with a tolerance.
 
 import copy
 import itertools
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from RigidBodySimulation import shapes
 
 G = 9.8
+UNIT = (1.0, 1.0, 1.0)
 FREE = {"gravity": (0, 0, 0), "hasGround": False}
 
 
@@ -53,7 +55,7 @@ def run(engine, meshes, seconds, h=TIME_STEP, e=0.0, mu=0.5, act=None, watch=Non
     return world, np.array(track)
 
 
-def box(x=0.0, y=0.5, z=0.0, sides=(1.0, 1.0, 1.0), **settings):
+def box(x=0.0, y=0.5, z=0.0, sides=UNIT, **settings):
     return box_body(*sides, (x, y, z), **settings)
 
 
@@ -71,6 +73,15 @@ def kinetic(meshes):
     return total
 
 
+def energy(meshes):
+    """The kinetic energy, and the potential energy above y = 0."""
+    return kinetic(meshes) + G * sum(m.mass * m.position[0, 1] for m in meshes if not m.isFixed)
+
+
+def top_speed(meshes):
+    return max(np.linalg.norm(mesh.linVelocity) for mesh in meshes)
+
+
 # What slides over flush blocks
 
 
@@ -79,14 +90,12 @@ def tiles(width=2.0, count=9, isFixed=True):
     return [box(x, -0.5, z, (width, 1, 4), isFixed=isFixed) for x, z in places]
 
 
-def wall():
-    return [box(-3 + 1.5 * k, 1, 1, (1.5, 2, 1), isFixed=True) for k in range(20)]
-
-
 FLOORS = {
     "tiles": tiles,
     "slab": lambda: [box(0, -0.5, 0, (60, 1, 8), isFixed=True)],
-    "wall": lambda: tiles() + wall(),
+    "wall": lambda: (
+        tiles() + [box(1.5 * k, 1, 1, (1.5, 2, 1), isFixed=True) for k in range(-2, 18)]
+    ),
     "free row": lambda: tiles(1.0, 14, False)[1::3],
 }
 CORNERS = 0.6 * np.vstack((np.eye(3), -np.eye(3)))
@@ -159,10 +168,10 @@ def flat_landing(engine):
 
 def bounce(engine, h, e=1.0):
     """Energy that a cube has after it has bounced flat, of that before."""
-    mesh = box(y=1.5)
-    before = kinetic([mesh]) + mesh.mass * G * (mesh.position[0, 1] - 0.5)
+    mesh, rest = box(y=1.5), energy([box()])
+    before = energy([mesh]) - rest
     run(engine, [mesh], 0.8, h, e)
-    return (kinetic([mesh]) + mesh.mass * G * (mesh.position[0, 1] - 0.5)) / before
+    return (energy([mesh]) - rest) / before
 
 
 def second_corner(engine, isFixed):
@@ -181,7 +190,7 @@ def overlapping(engine, counts):
     """Largest speed and energy of a block of cubes that overlap by 0.1, without gravity."""
     meshes = [box(*place) for place in 0.9 * np.array(list(np.ndindex(counts)))]
     run(engine, meshes, 0.6, **FREE)
-    return max(np.linalg.norm(mesh.linVelocity) for mesh in meshes), kinetic(meshes)
+    return top_speed(meshes), kinetic(meshes)
 
 
 def gas(engine, shape, count=60, seconds=24.0, spin=0.0, densities=(1.0,)):
@@ -272,9 +281,9 @@ def slope(engine, degrees):
     return mesh.position[0, 0]
 
 
-def pendulum(engine, degrees, length, seconds=30.0):
-    """Energy that a pendulum has at the end, of that at the start."""
-    anchor, bob = box(0, 30, 0, isFixed=True), box(0, 0, 0, (0.2, 0.2, 0.2))
+def pendulum(engine, degrees, length, seconds=30.0, side=0.2, spin=(0, 0, 0), **settings):
+    """Energy that a pendulum has at the end, of that at the start. side : of its bob, along x"""
+    anchor, bob = box(0, 30, 0, isFixed=True), throw(box(0, 0, 0, (side, 0.2, 0.2)), spin=spin)
     corner, tip = (int((s * m.origVertices.sum(1)).argmax()) for s, m in ((-1, anchor), (1, bob)))
     point, arm = anchor.currVertices[corner], bob.origVertices[tip]
     string = rotation(quaternion((0, 0, 1), degrees)).apply([0, 1, 0])  # from the bob up
@@ -283,10 +292,8 @@ def pendulum(engine, degrees, length, seconds=30.0):
     bob.position = (point - reach * string)[None]
     low, tie = point[1] - reach, [[0, corner, 1, tip, length, upper] for upper in (True, False)]
 
-    def watch():
-        return (bob.linVelocity**2).sum() / 2 + G * (bob.position[0, 1] - low)
-
-    _, energies = run(engine, [anchor, bob], seconds, watch=watch, constraints=tie)
+    settings |= {"watch": lambda: energy([bob]) - bob.mass * G * low, "constraints": tie}
+    _, energies = run(engine, [anchor, bob], seconds, **settings)
     return np.mean(energies[-150:]) / np.mean(energies[:150])
 
 
@@ -309,10 +316,8 @@ def stack_falls(engine, sleeping, count=20, how="moved aside"):
             world.settings["solverState"].remove(0)
             del world.meshes[0]
 
-    def watch():
-        return low.position[0, 1], high.position[0, 1]
-
-    _, track = run(engine, meshes, 5.4, sleeping=sleeping, act=act, watch=watch)
+    settings = {"watch": lambda: (low.position[0, 1], high.position[0, 1]), "sleeping": sleeping}
+    _, track = run(engine, meshes, 5.4, act=act, **settings)
     return track[249] - track[-1]
 
 
@@ -321,10 +326,8 @@ def thrown(meshes, velocity):
 
 
 def tower_shot():
-    return thrown(
-        [box(-5, 2.5, density=5.0, sides=(0.4, 0.4, 0.4), isFixed=True)] + stack(5, UNIT),
-        (12, 1, 0),
-    )
+    shot = box(-5, 2.5, density=5.0, sides=(0.4, 0.4, 0.4), isFixed=True)
+    return thrown([shot, *stack(5, UNIT)], (12, 1, 0))
 
 
 def seesaw():
@@ -402,7 +405,7 @@ def time_steps(engine, kind, *steps):
     for h in (TIME_STEP, *steps * 10):
         world.arguments = h, 0.0
         world.step()
-        fastest.append(max(np.linalg.norm(mesh.linVelocity) for mesh in meshes))
+        fastest.append(top_speed(meshes))
     return max(fastest) - fastest[0]
 
 
@@ -436,7 +439,7 @@ def chain(engine, count=20, ratio=1000.0):
     """Stretch in % of the longest link of a chain with a heavy end, after 10 s."""
     links, ties = hanging(count, ratio)
     low, high = ties[0][1], ties[0][3]
-    run(engine, links, 10.0, constraints=ties, hasGround=False, sleeping=False)
+    run(engine, links, 10.0, constraints=ties, **HANGING)
     ends = [a.currVertices[low] - b.currVertices[high] for a, b in itertools.pairwise(links)]
     return 100 * (max(map(np.linalg.norm, ends)) / 0.3 - 1)
 
@@ -445,30 +448,25 @@ def beads(count, ratio=1.0, degrees=0.0):
     """`(meshes, constraints)` of a straight chain of octahedra, tied at their tips, that leans."""
     way = np.array([np.sin(np.radians(degrees)), -np.cos(np.radians(degrees)), 0.0])
     turned = quaternion((0, 0, 1), degrees)
-    links = [
-        shapes.convex_hull(CORNERS / 6, 1.0, 0.5 * k * way, orientation=turned)
-        for k in range(count)
-    ]
-    links.append(shapes.convex_hull(CORNERS / 6, ratio, 0.5 * count * way, orientation=turned))
-    links[0].isFixed = True
+    links, make = [], partial(shapes.convex_hull, CORNERS / 6, orientation=turned)
+    for k, density in enumerate([1.0] * count + [ratio]):
+        links.append(make(density, 0.5 * k * way, isFixed=k == 0))
     low, high = (int((s * links[0].origVertices[:, 1]).argmax()) for s in (-1, 1))
     return links, [[k, low, k + 1, high, 0.3, True] for k in range(count)]
 
 
-def swinging(engine, count, ratio, degrees, seconds=4.0, h=TIME_STEP):
+HANGING = {"hasGround": False, "sleeping": False}
+
+
+def swinging(engine, count, ratio, degrees):
     """Energy that a chain with a heavy end, let go at an angle, has left, and had at most."""
     links, ties = beads(count, ratio, degrees)
-
-    def watch():
-        return kinetic(links) + sum(G * m.mass * m.position[0, 1] for m in links[1:])
-
-    run(engine, links, 0.0)
     tip = links[0].currVertices[ties[0][1], 1]  # below which it hangs at rest
     rest = sum(G * m.mass * (tip + 0.1 - 0.5 * k) for k, m in enumerate(links[1:], 1))
-    before = watch() - rest
-    settings = {"hasGround": False, "sleeping": False, "linkedBodiesCollide": False}
-    _, track = run(engine, links, seconds, h, watch=watch, constraints=ties, **settings)
-    return (track[-1] - rest) / before, (track.max() - rest) / before
+    before, settings = energy(links) - rest, HANGING | {"linkedBodiesCollide": False}
+    settings["watch"] = lambda: energy(links) - rest
+    _, track = run(engine, links, 4.0, constraints=ties, **settings)
+    return track[-1] / before, track.max() / before
 
 
 def overstretched(engine, count, factor):
@@ -477,9 +475,8 @@ def overstretched(engine, count, factor):
     links[-1].isFixed = True
     for mesh in links:
         mesh.position = factor * mesh.position
-    settings = {"hasGround": False, "sleeping": False, "linkedBodiesCollide": False}
-    run(engine, links, 4.0, constraints=ties, **settings)
-    return max(np.linalg.norm(mesh.linVelocity) for mesh in links)
+    run(engine, links, 4.0, constraints=ties, linkedBodiesCollide=False, **HANGING)
+    return top_speed(links)
 
 
 def ropes(engine, *directions, side=0.2, length=1.0, rigid=False, seconds=4.0):
@@ -493,7 +490,7 @@ def ropes(engine, *directions, side=0.2, length=1.0, rigid=False, seconds=4.0):
             for mesh, s in ((meshes[0], 1), (meshes[k], -1))
         )
         ties += [[0, own, k, anchor, length, isUpper] for isUpper in (True, False)[: 1 + rigid]]
-    run(engine, meshes, seconds, constraints=ties, hasGround=False, sleeping=False)
+    run(engine, meshes, seconds, constraints=ties, **HANGING)
     return np.linalg.norm(meshes[0].linVelocity), np.linalg.norm(meshes[0].angVelocity)
 
 
@@ -533,12 +530,16 @@ def carried(engine, kind):
 # Rolling, spinning, falling
 
 
-def wheel(engine, h, seconds=8.0, sides=12, degrees=8.0):
-    """Mean speed of a polygon that rolls down a slope, of that of the rimless wheel."""
+def roller(sides):
+    """A prism of radius 0.5 that lies on one of its sides, with its axis along z."""
     angles = 2 * np.pi * (np.arange(sides) + 0.5) / sides
     points = [(np.sin(a), -np.cos(a), z) for a in angles for z in (-0.5, 0.5)]
-    mesh = above(shapes.convex_hull(0.5 * np.array(points), 1.0))
-    half, tilt = np.pi / sides, np.radians(degrees)
+    return above(shapes.convex_hull(0.5 * np.array(points), 1.0))
+
+
+def wheel(engine, h, seconds=8.0, sides=12, degrees=8.0):
+    """Mean speed of a polygon that rolls down a slope, of that of the rimless wheel."""
+    mesh, half, tilt = roller(sides), np.pi / sides, np.radians(degrees)
     inertia, arm = mesh.IT[2, 2] / mesh.mass + 0.25, 0.5  # about a corner, per mass
     kept = 1 - 0.25 * (1 - np.cos(2 * half)) / inertia  # of the angular velocity, at each impact
     gain = 2 * G * arm * 2 * np.sin(half) * np.sin(tilt) / inertia
@@ -670,7 +671,7 @@ def slide(engine, sides, velocity, spin):
     return np.hypot(*mesh.position[0, [0, 2]])
 
 
-BRICK, CUBE, UNIT = (12.0, 6.0, 8.0), (2.0, 2.0, 2.0), (1.0, 1.0, 1.0)
+BRICK, CUBE = (12.0, 6.0, 8.0), (2.0, 2.0, 2.0)
 SQUARE, LONG = (1.0, 0.5, 1.0), (2.0, 0.5, 1.0)
 
 
@@ -696,8 +697,7 @@ def pile(engine, make, *arguments, seconds=40.0, **settings):
     start = np.array([mesh.position[0] for mesh in meshes])
     run(engine, meshes, seconds, sleeping=False, **settings)
     moved = np.array([mesh.position[0] for mesh in meshes]) - start
-    speed = max(np.linalg.norm(mesh.linVelocity) for mesh in meshes)
-    return np.hypot(*moved[:, [0, 2]].T).max(), -moved[:, 1].min(), speed
+    return np.hypot(*moved[:, [0, 2]].T).max(), -moved[:, 1].min(), top_speed(meshes)
 
 
 def heap(engine, seed, count=1000):

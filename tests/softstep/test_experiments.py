@@ -30,8 +30,7 @@ def test_a_tumbling_body_keeps_its_angular_momentum_in_all_steps(engine):
 def test_a_fixed_body_moves_with_its_velocity_in_all_steps(engine):
     mesh = box_body(1, 2, 3, (1.0, 5.0, 2.0), isFixed=True)
     other = box_body(1, 1, 1, (9.0, 5.0, 2.0), isFixed=True)
-    mesh.linVelocity = np.array([[0.5, 1.0, -2.0]])
-    mesh.angVelocity = np.array([[0.0, 0.3, 0.0]])
+    laws.throw(mesh, (0.5, 1.0, -2.0), (0.0, 0.3, 0.0))
     before = rotation(mesh.orientation[0])
     laws.run(engine, [mesh, other], 1.0)
     np.testing.assert_allclose(mesh.position, [[1.5, 6.0, 0.0]], atol=1e-12)

@@ -5,18 +5,13 @@ Cases of each kind are made up, and compared with one long slab or with closed f
 
 import itertools
 
+import experiments
 import numpy as np
+import oracles
 import pytest
-from experiments import above, box
-from oracles import (
-    box_body,
-    ground,
-    penetrations,
-    quaternion,
-    random_quaternions,
-    rotation,
-    state_of,
-)
+from engines import throw
+from experiments import above, box, roller
+from oracles import box_body, ground, penetrations, quaternion, rotation, state_of
 
 from rbs.softstep.step import SolverState
 from RBSFunctions import run_timestep
@@ -25,14 +20,10 @@ from RigidBodySimulation import shapes
 G, H = 9.8, 0.02
 
 
-def run(meshes, seconds, e=0.0, h=H, hasGround=False, state=None, watch=None, **settings):
-    state = SolverState() if state is None else state
-    settings = {"mu": 0.0, "contactSolver": "soft-step", "solverState": state} | settings
-    for _ in range(round(seconds / h)):
-        run_timestep(meshes, ground() if hasGround else None, h, e, **settings)
-        if watch is not None:
-            watch()
-    return state
+def run(meshes, seconds, **settings):
+    """The solver's state after steps, without ground and friction unless they are given."""
+    settings = {"mu": 0.0, "hasGround": False} | settings
+    return experiments.run("soft step", meshes, seconds, **settings)[0].settings["solverState"]
 
 
 def prism(sides, radius, height):
@@ -49,21 +40,12 @@ def ball():
 
 def tiles(width=2.0, depth=2.0, rows=3, uneven=0.0, turn=0.0, count=9):
     """Fixed blocks of height 1 below y = 0 from x = -3 on, or lower by up to `uneven`."""
-    q, rng = quaternion((0, 1, 0), turn), np.random.default_rng(1)
-    places = [
-        (-3 + (k + 0.5) * width, (r - rows // 2) * depth) for k in range(count) for r in range(rows)
-    ]
-    return [
-        box_body(
-            width,
-            1,
-            depth,
-            rotation(q).apply((x, -0.5 - uneven * rng.random(), z)),
-            orientation=q,
-            isFixed=True,
-        )
-        for x, z in places
-    ]
+    q, rng, meshes = quaternion((0, 1, 0), turn), np.random.default_rng(1), []
+    for k, r in itertools.product(range(count), range(rows)):
+        place = -3 + (k + 0.5) * width, -0.5 - uneven * rng.random(), (r - rows // 2) * depth
+        place, settings = rotation(q).apply(place), {"orientation": q, "isFixed": True}
+        meshes.append(box_body(width, 1, depth, place, **settings))
+    return meshes
 
 
 def triangles(side=1.4, rows=4, count=10):
@@ -87,11 +69,9 @@ def free_row(width=1.0, height=1.0, depth=2.0):
     return [box_body(width, height, depth, place) for place in places]
 
 
-def spun(spin, *place):
+def spun(spin, x=0.0, y=0.2, z=0.0):
     """A flat box that spins about its vertical axis."""
-    mesh = box_body(1.2, 0.4, 0.9, place)
-    mesh.angVelocity = np.array([[0.0, spin, 0.0]])
-    return mesh
+    return throw(box_body(1.2, 0.4, 0.9, (x, y, z)), spin=(0.0, spin, 0.0))
 
 
 def dropped(mesh, height):
@@ -144,11 +124,7 @@ SEAMS = {
     "heavy rider": (lambda: box(density=8.0), lambda: free_row(2.0, 0.2, 3.0), (3, 0, 0.1)),
     "landing": (lambda: box(-0.52, 0.8), tiles, (5, 0, 0)),
     "landing on triangles": (lambda: dropped(prism(6, 0.6, 0.5), 0.5), triangles, (3, 0, 0.2)),
-    "free row, spinning": (
-        lambda: spun(12, 0, 0.2, 0),
-        lambda: free_row(1.04, 0.5, 3.0),
-        (0.6, 0, 0),
-    ),
+    "free row, spinning": (lambda: spun(12, 0, 0.2), lambda: free_row(1.04, 0.5, 3), (0.6, 0, 0)),
     "spinning": (lambda: spun(6, 0, 0.2, 0), lambda: tiles(0.9, 0.9, 5), (2, 0, 0)),
     "spinning fast": (lambda: spun(25, 0.1, 0.2, 0.2), lambda: tiles(0.9, 0.9, 5), (2, 0, 0)),
 }
@@ -161,14 +137,6 @@ def test_what_slides_over_seams_does_not_feel_them():
     assert not list(itertools.compress(SEAMS, isFelt))
 
 
-def roller(sides):
-    """A prism of radius 0.5 that lies on one of its sides, with its axis along z."""
-    angle = 2 * np.pi * (np.arange(sides) + 0.5) / sides - np.pi / 2
-    x, y = 0.5 * np.cos(angle), 0.5 * np.sin(angle)
-    points = [(*p, z) for p in zip(x, y, strict=True) for z in (-0.4, 0.4)]
-    return above(shapes.convex_hull(points, 1.0))
-
-
 def test_what_rolls_over_seams_does_not_feel_them():
     """Within 5 %, as much as time steps of 0.02 and 0.005 s differ. If bodies touched beyond edges,
     the prisms would come 0.55 to 0.9 of their way, and rise by 0.1 m.
@@ -177,8 +145,8 @@ def test_what_rolls_over_seams_does_not_feel_them():
     for k, make in enumerate((ball, lambda: roller(16), lambda: roller(32))):
         speed, width = (1, 3, 3)[k], (1.1, 0.5, 1.1)[k]
         for floor in (slab(20), tiles(width, width, count=round(12 / width))):
-            lanes.append((make(), floor, (speed, 0, 0)))
-            lanes[-1][0].angVelocity = np.array([[0.0, 0.0, -2.0 * speed]])
+            mover = throw(make(), spin=(0.0, 0.0, -2.0 * speed))
+            lanes.append((mover, floor, (speed, 0, 0)))
     way, _, lift = slide(lanes, 1.5, mu=0.5)
     assert way[::2].min() > 0.6 and way[1::2] == pytest.approx(way[::2], rel=0.05)
     assert (lift[1::2] < lift[::2] + 5e-3).all()
@@ -227,7 +195,7 @@ def test_what_slides_down_a_slope_goes_on_where_it_meets_the_floor():
         q = quaternion((0, 0, 1), -degrees)
         turn = rotation(q)
         mover = box(*turn.apply((-way, 0.5, 0)), orientation=q)
-        mover.linVelocity = turn.apply((speed, 0, 0))[None]
+        throw(mover, turn.apply((speed, 0, 0)))
         slope = box_body(40, 1, 4, turn.apply((-20, -0.5, 0)), orientation=q, isFixed=True)
         places = [((k + 0.5) * width, -0.5, 0) for k in range(3)]
         lanes.append([mover, slope, *(box_body(width, 1, 4, p, isFixed=True) for p in places)])
@@ -257,19 +225,15 @@ def test_an_edge_that_stands_out_of_the_floor_stops_a_box():
 
 def test_tiles_that_move_together_carry_a_box_over_their_seams():
     floor, turning = tiles(), tiles()
-    for mesh in floor:
-        mesh.linVelocity = np.array([[1.0, 0.0, 0.0]])
-    for mesh in turning:
-        mesh.linVelocity = np.cross([0.0, 0.3, 0.0], mesh.position[0])[None]
-        mesh.angVelocity = np.array([[0.0, 0.3, 0.0]])
+    for mesh, other in zip(floor, turning, strict=True):
+        throw(mesh, (1.0, 0.0, 0.0))
+        throw(other, np.cross([0.0, 0.3, 0.0], other.position[0]), (0.0, 0.3, 0.0))
     way, speed, lift = slide([(box(), floor, (3, 0, 0)), (box(), turning, (3, 0, 0))])
     assert way == pytest.approx(1.0, abs=0.02) and speed == pytest.approx(1.0, abs=0.02)
     assert max(lift) < 5e-3
 
 
-# --------------------------------------------------------------------------------------------------
 # Blows, energy, loads
-# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("e, most", [(0.0, 1e-3), (0.3, 0.31)])
@@ -277,14 +241,13 @@ def test_tiles_that_move_together_carry_a_box_over_their_seams():
 def test_a_corner_that_slides_as_it_lands_separates_at_e_times_its_approach(e, most, sides):
     rng, ratios = np.random.default_rng(7), []
     for gap in np.linspace(0.001, 0.12, 12):
-        mesh = box_body(*sides, (0, 0, 0), orientation=random_quaternions(rng, 1)[0])
-        mesh.position = np.array([[0, gap - mesh.currVertices[:, 1].min(), 0]])
-        mesh.linVelocity = np.array([[3.0, -2.0, 0.0]])
+        mesh = box_body(*sides, (0, 0, 0), orientation=oracles.random_quaternions(rng, 1)[0])
+        throw(above(mesh, gap), (3.0, -2.0, 0.0))
         corner, state = int(mesh.currVertices[:, 1].argmin()), SolverState()
         for _ in range(12):
             arm = mesh.currVertices[corner] - mesh.position[0]
             before = (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm))[1]
-            run([mesh], H, e, hasGround=True, state=state, mu=1.0)
+            run([mesh], H, e=e, hasGround=True, solverState=state, mu=1.0)
             after = (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm))[1]
             if after - before > 0.5:
                 ratios.append(-after / before)
@@ -298,8 +261,8 @@ def test_a_blow_on_tiles_is_not_repeated():
     """If it were, a wall would throw a box back at a tenth of its speed."""
     lanes, due = [], []
     for isFixed, speed in (True, 2.0), (True, 5.0), (False, 2.0), (False, 3.0):
-        mover, other = box(), box_body(1, 1, 1 + 9 * isFixed, (2.2, 0.5, 0), isFixed=isFixed)
-        mover.linVelocity = np.array([[speed, 0.0, 0.3 * speed * isFixed]])
+        mover = throw(box(), (speed, 0.0, 0.3 * speed * isFixed))
+        other = box_body(1, 1, 1 + 9 * isFixed, (2.2, 0.5, 0), isFixed=isFixed)
         lanes.append([mover, other, *tiles(1.1, 1.1, rows=8)])
         ends = ((0, 0, 0.3), (0, 0, 0)) if isFixed else ((0.5, 0, 0), (0.5, 0, 0))
         due.append(speed * np.array(ends))
@@ -327,14 +290,12 @@ def test_legs_carry_a_load_off_their_middle():
     top = box_body(2, 0.5, 2, (0.3, 1.25, 0), density=20 * 0.36 / 2)
     meshes, settings = [*legs, top], {"hasGround": True, "mu": 0.5, "sleeping": False}
     state, places = run(meshes, 1.5, **settings), state_of(meshes)[:, [0, 2]]
-    run(meshes, 1.5, state=state, **settings)
+    run(meshes, 1.5, solverState=state, **settings)
     assert np.abs(state_of(meshes)[:, [0, 2]] - places).max() < 2e-3
     assert top.position[0, 1] > 1.245
 
 
-# --------------------------------------------------------------------------------------------------
 # Sleep, and supports that are removed
-# --------------------------------------------------------------------------------------------------
 
 
 def test_contacts_of_sleepers_balance_gravity():
@@ -362,21 +323,13 @@ def test_contacts_of_sleepers_balance_gravity():
         assert np.abs(net[sleepers] / weight[sleepers, None]).max() < 0.05
 
 
-# --------------------------------------------------------------------------------------------------
 # Grounds that move, and bodies that are linked
-# --------------------------------------------------------------------------------------------------
 
 
-def platform():
-    return box_body(40, 1, 40, (0, -0.5, 0), isFixed=True)
-
-
-@pytest.mark.parametrize(
-    "make, velocity, spin", [(ground, (1, 0, -0.5), 0.0), (platform, (0, 0, 0), 0.5)]
-)
-def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(make, velocity, spin):
-    floor, mesh, state = make(), box(1.0), SolverState()
-    isGround, options = make is ground, {"mu": 1.0, "contactSolver": "soft-step"}
+@pytest.mark.parametrize("velocity, spin", [((1, 0, -0.5), 0.0), ((0, 0, 0), 0.5)])
+def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(velocity, spin):
+    isGround, options = spin == 0.0, {"mu": 1.0, "contactSolver": "soft-step"}
+    floor, mesh, state = ground() if isGround else slab()[0], box(1.0), SolverState()
 
     def step(seconds):
         for _ in range(round(seconds / H)):
@@ -401,7 +354,7 @@ def test_a_sleeping_stack_moves_like_one_that_never_sleeps():
     """Its support begins to move, however slowly: along, up, down, about its axis."""
     ends = []
     for sleeping in (True, False):
-        lanes = [[platform(), *(box(0.0, 0.5 + k) for k in range(3))] for _ in range(4)]
+        lanes = [[*slab(40), *(box(0.0, 0.5 + k) for k in range(3))] for _ in range(4)]
         meshes, state = in_lanes(*lanes, width=60.0), SolverState()
         along, up, down, turned = (lane[0] for lane in lanes)
         for k in range(200):
@@ -412,7 +365,7 @@ def test_a_sleeping_stack_moves_like_one_that_never_sleeps():
                 up.position = up.position + (0, 5e-4, 0)
                 down.position = down.position - (0, 5e-4, 0)
                 turned.orientation = quaternion((0, 1, 0), 0.02 * (k - 99))[None]
-            run(meshes, H, mu=0.5, sleeping=sleeping, state=state)
+            run(meshes, H, mu=0.5, sleeping=sleeping, solverState=state)
         ends.append(state_of(meshes)[:, :7])
     assert np.allclose(*ends, atol=2e-3)
     tops = ends[0][3::4] - [(0, 2.5, 60 * k, 1, 0, 0, 0) for k in range(4)]
@@ -426,7 +379,7 @@ def test_a_sleeping_stack_moves_when_gravity_turns_or_friction_ends(mu, gravity,
     state = run(meshes, 2.0, hasGround=True, mu=0.5)
     assert state.sleep.isAsleep.all()
     start = state_of(meshes)[:, :2]
-    run(meshes, 1.0, hasGround=True, mu=mu, state=state, gravity=gravity)
+    run(meshes, 1.0, hasGround=True, mu=mu, solverState=state, gravity=gravity)
     assert (state_of(meshes)[:, :2] - start).max(axis=1) == pytest.approx(way, abs=0.03)
 
 
