@@ -37,8 +37,7 @@ from rbs.geometry.vectors import indices
 # iterations. Rounding can make GJK cycle; the facets decide pairs that it leaves open.
 GJK_PROGRESS = 1e-12
 GJK_ITERATIONS = 48
-# Number of distances between faces and vertices up to which `nearest_facet` is faster than
-# `find_facets`. Affects speed only.
+# Most distances of faces and vertices for which `nearest_facet` is faster than `find_facets`.
 FEW_DISTANCES = 30_000
 
 _ZERO = np.zeros((1, 3))
@@ -58,16 +57,14 @@ def is_collide(vertices1, vertices2):
     vertices1, vertices2 : (n1, 3), (n2, 3), in any order; interior points are allowed
 
     Returns `(isCollision, depth, intNormal, intPosition)`:
-    isCollision : bool, True also if they touch within rounding; if False, the rest is zero and
-        read-only
+    isCollision : bool, also if they touch within rounding; if not, the rest is zero and read-only
     depth : float ≥ 0, length of the least translation that separates the hulls
     intNormal : (1, 3), unit; hull 2 moves along it, by depth, to separate
     intPosition : (1, 3), the point of hull 2 deepest inside hull 1. If two edges cross, it lies on
         that of hull 2; if an edge or a face lies flat on the other hull, it is the centroid of
         their overlap. intPosition + depth · intNormal lies on the surface of hull 1
 
-    Raises ValueError if points are flat (thinner than 1e-9 of their length), not finite or
-    beyond ±1e12.
+    Raises ValueError if points are thinner than 1e-9 of their length, not finite or beyond ±1e12.
     """
     points = [hulls.checked_points(vertices) for vertices in (vertices1, vertices2)]
     centres = [0.5 * (p.min(axis=0) + p.max(axis=0)) for p in points]
@@ -92,8 +89,7 @@ def collide_rotated(hull1, hull2, t, axis=None, hasTouched=False):
 
     hull1, hull2 : `RotatedHull`
     t : tuple of 3, centre of the second minus centre of the first
-    axis : tuple of 3, unit, that may separate the hulls, such as that of the step before; it saves
-        time and changes no result
+    axis : tuple of 3, unit, that may separate the hulls, as the last one; it only saves time
     hasTouched : whether the hulls touched in the step before; GJK would then rarely find an axis,
         and is left out
 
@@ -291,8 +287,7 @@ def nearest_face(simplex):
 
     simplex : up to four points, tuples of 3. The last one, w, lies on the origin's side of the
         plane through v, the nearest point of the others' face, perpendicular to v, and thus belongs
-        to the nearest face: a corner, an edge, a triangle, or the whole tetrahedron if it contains
-        the origin
+        to the nearest face: a corner, edge, triangle, or the tetrahedron if it contains the origin
     """
     *others, w = simplex
     found = [((w,), w)]

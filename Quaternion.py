@@ -4,8 +4,7 @@ A quaternion is a row (w, x, y, z), scalar part first, and n of them have shape 
 coursework's functions, Q…, take (n, 4), (1, 4) or (4,) arrays, broadcast a single one against
 several, and return a new float64 array of rows.
 
-Products are written out by component: unlike with `einsum` or BLAS, the result of a row does not
-depend on the number of rows.
+Products are written out: unlike with `einsum` or BLAS, no row depends on the number of rows.
 """
 
 import math

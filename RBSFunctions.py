@@ -47,7 +47,6 @@ from rbs.geometry.triples import (
     mul_add,
     norm,
     number,
-    quaternion,
     rotate_tensor,
     row,
     scale,
@@ -101,8 +100,7 @@ def run_timestep(
         which its distance may then still change; by default 0.001
     others : further settings by name, see rbs/stepping/settings.py: mu, as for `resolve_collision`;
         gravity, three floats, acceleration of free fall; …
-    settings : `Settings`, used for all that is not given. Without it, timeStep and CRCoeff are
-        required
+    settings : `Settings`, used for what is not given; without it, timeStep and CRCoeff are required
     functions : module whose `resolve_collision`, `resolve_position_constraint` and
         `resolve_velocity_constraint` are called; by default, this one
     solverState : SolverState of rbs/softstep/step.py, carried from one soft step to the next and
@@ -227,8 +225,7 @@ def resolve_ground(step):
 def resolve_constraints(step):
     """Visits all constraints, over and over, until a whole sweep corrects none.
 
-    The queue leaves out visits that correct nothing, and batches visit in another order; see
-    rbs/stepping/constraints.py.
+    Queue and batches, which leave out visits or change their order: rbs/stepping/constraints.py.
     """
     if len(step.constraints) == 0:
         return
@@ -314,8 +311,7 @@ class Mesh(MeshTools):
     cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
         last found, and whether the two touched. It saves time and changes no result
 
-    Raises ValueError if an argument has the wrong shape or value, an index is out of range, or
-    vertices have no mass.
+    Raises ValueError if an argument has a wrong shape, value or index, or vertices have no mass.
     """
 
     def __init__(
@@ -432,7 +428,7 @@ class Mesh(MeshTools):
         linVelocity = mul_add(vector(self.linVelocity), h, gravity)
         position = mul_add(vector(self.position), h, linVelocity)
         turn = exponential((0.0, *scale(0.5, scale(h, vector(self.angVelocity)))))
-        w, x, y, z = multiply(turn, quaternion(self.orientation))
+        w, x, y, z = multiply(turn, floats(self.orientation, 4))
         # rounding makes a product of unit quaternions drift from unit length
         length = math.sqrt(w * w + (x * x + y * y + z * z))
         self.linVelocity, self.position = row(linVelocity), row(position)
@@ -472,7 +468,7 @@ class Mesh(MeshTools):
         """Inverse inertia tensor in world axes, R I⁻¹ Rᵀ: (3, 3); 0 if the mesh is fixed."""
         if self.isFixed:
             return np.zeros((3, 3))
-        rotation = rotation_matrices(quaternion(self.orientation))
+        rotation = rotation_matrices(floats(self.orientation, 4))
         return np.array(rotate_tensor(rotation, matrix(self.invIT))).reshape(3, 3)
 
     def body_state(self) -> Body:
@@ -492,7 +488,7 @@ class Mesh(MeshTools):
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
         orientation = bytes_of(self.orientation)
         if self._rotatedHull[0] != orientation and self._hull is not None:
-            rotation = rotation_matrices(quaternion(self.orientation))
+            rotation = rotation_matrices(floats(self.orientation, 4))
             self._rotatedHull = orientation, RotatedHull(self.hull, self.origVertices, rotation)
         return self._rotatedHull[1]
 
@@ -594,8 +590,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, mu=0.0):
 def position_corrections(invMass1, invMass2, distance):
     """Displacements of both bodies along n, which move body 2 by a distance relative to body 1.
 
-    Each is proportional to w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), so that the common COM does not move. At
-    least one mass must be finite.
+    Each is proportional to w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹): the common COM stays. One mass is finite.
     """
     total = invMass1 + invMass2
     return -(invMass1 / total * distance), invMass2 / total * distance

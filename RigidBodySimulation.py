@@ -78,9 +78,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def program():
-    """Runs `main`, and ends the process whatever threads and exit handlers a student's code has
-    left.
-    """
+    """Runs `main`, and ends the process in spite of threads and exit handlers of a student."""
     code = main()
     try:
         headless.show(end="", flush=True)

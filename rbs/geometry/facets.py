@@ -42,9 +42,7 @@ class Pairs:
         self.size = hulls.radius[first] + hulls.radius[second]
 
     def along(self, axes=None):
-        """Sets the axes to (3, P), unit; by default and for zero columns, to the lines between the
-        centres. Returns the pairs.
-        """
+        """Sets axes (3, P), unit, or between the centres where zero or None; returns the pairs."""
         length = vectors.norm(self.t)
         lines = self.t / np.where(length > 0, length, 1.0)
         lines[0] += length == 0  # any axis will do
@@ -71,10 +69,8 @@ def find_facets(pairs, margin, separation=None, level=-np.inf):
 
     pairs : Pairs, along axes. Good ones save time without changing the facets of colliding pairs
     margin : (P,), lengths ≥ 0 by which the translation may change before the facets must be found
-        again. A facet that is nearest at t + Δ has a penetration ≤ depth(t) + 2 |Δ| at t; others
-        are omitted
-    separation : (P,), lengths, by default the margin. For pairs further apart, one separating plane
-        is enough
+        again. One that is nearest at t + Δ has a penetration ≤ depth(t) + 2 |Δ| at t; others go
+    separation : (P,), by default the margin. Pairs further apart need one separating plane only
     level : (P,), penetrations up to which facets are found in any case
 
     The facets of a pair are ordered: faces of the first hull, faces of the second, edge pairs. The
@@ -152,9 +148,7 @@ class _FacetSearch:
         self.normal, self.offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
 
     def find_near(self, margin, leastDepth, level):
-        """Finds the facets within the margin (P,), and those with a penetration up to a level (P,),
-        if the depth is at least leastDepth (P,).
-        """
+        """Finds facets within margin, and up to level if the depth is ≥ leastDepth, each (P,)."""
         pairs = self.pairs
         # keeps ties
         extra, level = (x + FEATURE_TOLERANCE * pairs.size for x in (2.0 * margin, level))

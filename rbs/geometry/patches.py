@@ -2,8 +2,7 @@
 
 Along the normal, each hull has a support feature: a vertex, an edge or a face. The contact point is
 a vertex that touches, or the crossing of two edges. Otherwise the features, seen along the normal,
-overlap in a segment or a polygon, the contact patch. Plane figures have coordinates (u, v), in the
-frame of `tangents`.
+overlap in a segment or a polygon, the contact patch. Coordinates (u, v) are along `tangents`.
 """
 
 import numpy as np

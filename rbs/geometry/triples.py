@@ -42,15 +42,6 @@ def vector(row):
     return x, y, z
 
 
-def quaternion(row):
-    """`floats` of four, twice as fast for an array (1, 4)."""
-    try:
-        ((w, x, y, z),) = row.tolist()
-    except (AttributeError, TypeError, ValueError):
-        return floats(row, 4)
-    return w, x, y, z
-
-
 def matrix(rows):
     """`floats` of nine, twice as fast for an array (3, 3)."""
     try:

@@ -58,9 +58,7 @@ def vec_mat(v, matrix):
 
 
 def take(table, index, axis=None):
-    """`table.take(index, axis)`, which is contiguous: later operations are faster than on
-    `table[:, index]`.
-    """
+    """`table[:, index]` as a contiguous table, on which later operations are faster."""
     return table.take(index, axis)
 
 

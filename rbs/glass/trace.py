@@ -65,9 +65,7 @@ def differs(ours, theirs):
 
 
 def gap(ours, theirs, least=1.0):
-    """The largest difference of numbers, relative to the largest of ours, or to `least`; infinite
-    if theirs are no such numbers.
-    """
+    """The largest difference relative to ours, or `least`; infinite if theirs are no numbers."""
     ours = np.ravel(np.array(ours, np.float64))
     try:
         theirs = np.array(theirs, np.float64).reshape(ours.shape)
@@ -145,8 +143,7 @@ class Difference(NamedTuple):
 
     own, other : our event and theirs, None if there are no more
     symbols : in which the effects on the bodies differ; [] if the events are not the same
-    state : the `StateGap` with which they begin, or end if it is of KEPT; without events, with
-        which the steps end
+    state : the `StateGap` with which they begin; if it is of KEPT, or without events, end
     place : of the event in its step
     step : number of the step; hint : the mistake that explains it, or ""
     """

@@ -37,8 +37,7 @@ class Simulation(Results, SceneSimulation):
     """A scene that is simulated from Python.
 
     scene : a scene file, or the name of one of our scenes; `from_meshes` takes meshes instead
-    settings : by default, those that the scene recommends, as on the command line; given ones
-        replace them all
+    settings : by default, those that the scene recommends; given ones replace them all
     constraintPath : by default, the constraint file that belongs to the scene by its name, if any
     recommended : False ignores what the scene recommends
 
@@ -132,13 +131,11 @@ class Simulation(Results, SceneSimulation):
     ) -> None:
         """Links two bodies by a bounded distance, from the next step on.
 
-        point1, point2 : (3,), of each body, in world axes at its present pose, or the index of a
-            vertex
+        point1, point2 : (3,), in world axes at the body's present pose, or the index of a vertex
         lower, upper : bounds of the distance, in m, by default the present distance: a rod. A rope
             has the lower bound 0; a joint, both bounds 0 and one point.
 
-        Linked bodies collide as others do. Raises ValueError if a point lies outside its body, or
-        not 0 ≤ lower ≤ upper.
+        Linked bodies collide, too. Raises ValueError for a point outside, or not 0 ≤ lower ≤ upper.
         """
         bodies, ends, rests = [index_of(one, self.meshes) for one in (body1, body2)], [], []
         if bodies[0] == bodies[1]:

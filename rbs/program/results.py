@@ -129,8 +129,7 @@ class Results:
         """Makes steps; returns the quantities of each: dict of arrays (steps + 1,).
 
         The names are "step" and those of `step_quantities`: energies and momenta, the largest
-        violation, and from each step's report contacts, the deepest penetration and times. Unknown
-        numbers are NaN.
+        violation, and from each report contacts, deepest penetration and times; NaN if unknown.
         """
         with followed_by(self, table := Table()):
             self.run(steps_of_run(self, steps))

@@ -220,9 +220,7 @@ def _remedy(error, folder):
 
 def built(Mesh, name="", vertices=(), faces=(), tets=(), density=0.0, position=(0, 0, 0),
           orientation=(1, 0, 0, 0), isFixed=True):  # fmt: skip
-    """A mesh of a student's class, of new arrays, because the released one changes them; by
-    default, the ground.
-    """
+    """A student's mesh, of new arrays, as the released one changes them; by default, the ground."""
     tables = (vertices, float, 3), (faces, int, 3), (tets, int, 4)
     tables = [np.array(one, kind).reshape(-1, width) for one, kind, width in tables]
     pose = np.array(position, float).reshape(1, 3), np.array(orientation, float).reshape(1, 4)

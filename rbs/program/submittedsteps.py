@@ -127,8 +127,7 @@ class SubmittedSteps:
     def step(self, meshes, groundMesh, *, settings, **options):
         """Makes one step in place; the arguments are those of `run_timestep`.
 
-        Raises StateError if a function raises an exception, or gives an invalid state. The meshes
-        then stay as they were.
+        If a function fails or gives an invalid state, meshes stay, and StateError is raised.
         """
         if lacking := self.lacking(settings):
             raise StateError(lacking)

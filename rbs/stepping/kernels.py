@@ -42,8 +42,7 @@ def apply_impulse(velocity, impulse, invMasses, response, n):
 def collide(velocity, invMasses, invInertias, arms, n, K, response, step):
     """Impulses of `resolve_collision`: `(impulse (m,), friction (3, m))`.
 
-    K, response : from `inverse_effective_mass`; step : CRCoeff and mu, as attributes.
-    Changes the velocities in place.
+    K, response : of `inverse_effective_mass`; step : CRCoeff, mu. Changes velocities in place.
     """
     impulse = (1.0 + step.CRCoeff) * dot(relative_velocity(velocity, arms), n) / K
     apply_impulse(velocity, impulse, invMasses, response, n)

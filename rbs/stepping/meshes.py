@@ -14,11 +14,10 @@ from numpy.typing import ArrayLike
 from Quaternion import rotation_matrices
 from rbs.geometry import triples
 from rbs.geometry.hulls import FEATURE_TOLERANCE, rotate_columns
-from rbs.geometry.triples import ZERO, floats, mul_add, number, quaternion, row, shown_value, vector
+from rbs.geometry.triples import ZERO, floats, mul_add, number, row, shown_value, vector
 from rbs.stepping.settings import EARTH
 
-# Largest number allowed in a state, in any unit. Products of four such numbers are still finite; no
-# useful scene comes near it.
+# Largest number allowed in a state, in any unit. Products of four such numbers are still finite.
 LARGEST_NUMBER = 1e75
 
 # Attributes that form the state of a mesh, and how many numbers each has.
@@ -287,7 +286,7 @@ class MeshTools:
         if not self.isFixed:
             from rbs.stepping.flight import torque_free_velocities
 
-            state = vector(self.angVelocity), quaternion(self.orientation)
+            state = vector(self.angVelocity), floats(self.orientation, 4)
             tensors = floats(self.IT, 9), floats(self.invIT, 9)
             mean, end = torque_free_velocities(*state, *tensors, number(timeStep))
             self.angVelocity = row(mean)

@@ -1,8 +1,7 @@
 """The settings of a step, each declared once.
 
 Command line, window, recordings and `run_timestep` all read them; rbs/scenes/settingtexts.py has
-their words. From the top: `Setting`, which a field of `Settings` carries; `Settings`; the arguments
-of `run_timestep`.
+their words. From the top: `Setting`, which a field of `Settings` carries; `Settings`; arguments.
 """
 
 from __future__ import annotations
@@ -143,8 +142,7 @@ class Settings:
     broadPhase : how pairs are found, in all pairs or by a grid, with identical motion
     contactScheduling : one contact after the other, or in batches, with identical motion
     gyroscopic : whether spinning bodies tumble; else the angular velocity is constant in flight
-    enforceConstraints : whether distance constraints act; linkedBodiesCollide : whether bodies that
-        one links collide with each other
+    enforceConstraints : whether they act; linkedBodiesCollide : whether linked bodies collide
     constraintScheduling : order of visits: all in turn, a queue with the same result, or batches
     maxIterations : most constraint visits in a step; by default 20 for each constraint, or 1000
     tolerance : m, and m/s: violation of a constraint that is left
@@ -247,8 +245,7 @@ def step_arguments(settings, given, constraintCount=0):
 
     settings : Settings or None; given : dict of arguments; those that are not None replace theirs
 
-    Raises TypeError for an unknown parameter; ValueError, which names it, for an invalid value or
-    one that the contact solver would ignore.
+    Raises TypeError for an unknown one; ValueError for what is invalid or the solver would ignore.
     """
     given = {name: value for name, value in given.items() if value is not None}
     values = DEFAULTS_IN_STEP.copy()
