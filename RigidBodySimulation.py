@@ -38,7 +38,7 @@ from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes import files, scenefiles, shapes
 from rbs.scenes.meshfiles import NonConvexWarning, load_mesh_file
-from rbs.scenes.messages import InputError, cause_of, print_error, shown_path
+from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scene import steps_of_run
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
 from rbs.scenes.settingtexts import changed_settings, note_recommended
@@ -69,7 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
             with files.signals_kept():
                 return run_mode(options)
         except Outputs.errors as error:
-            print_error(cause_of(error))
+            print_error(error)
         except KeyboardInterrupt as error:
             number, *place = error.args or (signal.SIGINT,)
             print_error(f"stopped by {files.SIGNAL_NAMES[number]}{''.join(place)}")
@@ -83,7 +83,7 @@ def program():
     try:
         headless.show(end="", flush=True)
     except OSError as error:
-        print_error(cause_of(error))
+        print_error(error)
         code = 2
     os._exit(code)
 
@@ -134,7 +134,7 @@ def run_outputs(simulation, options, pictureOptions, every=None, backend=None):
     every : steps between screenshots; backend : a `Backend`, or None to find one if it is needed
     """
     steps, given = steps_of_run(simulation, options.steps), {"export": (pictureOptions.colouring,)}
-    with closing(Outputs(lambda error: print_error(cause_of(error)))) as outputs:
+    with closing(Outputs(print_error)) as outputs:
         if options.screenshots or options.video:
             view = start_drawing(simulation, pictureOptions, backend)
             given["video"] = frames_of(view, options.every)

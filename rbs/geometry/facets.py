@@ -69,7 +69,7 @@ def find_facets(pairs, margin, separation=None, level=-np.inf):
 
     pairs : Pairs, along axes. Good ones save time without changing the facets of colliding pairs
     margin : (P,), lengths ≥ 0 by which the translation may change before the facets must be found
-        again. One that is nearest at t + Δ has a penetration ≤ depth(t) + 2 |Δ| at t; others go
+        again: what is nearest at t + Δ has a penetration ≤ depth(t) + 2 |Δ| at t
     separation : (P,), by default the margin. Pairs further apart need one separating plane only
     level : (P,), penetrations up to which facets are found in any case
 

@@ -29,7 +29,7 @@ SURE_SINE = 1e-5
 LEAST_GAP = 1e-6
 # Largest coordinate allowed, in the unit of the points. Rounding of larger ones becomes visible.
 LARGEST_COORDINATE = 1e12
-# Least thickness of a hull, as a fraction of its length; thinner, both sides are one feature.
+# Least thickness of a hull, as a fraction of its length. With less, both sides are one feature.
 LEAST_ASPECT = 10.0 * FEATURE_TOLERANCE
 
 

@@ -22,7 +22,8 @@ ALL = CELLS**3
 # Height over the lowest vertex up to which a cell has the others, as a fraction of the radius: far
 # more than FEATURE_TOLERANCE, which is of both bodies of a pair. With more, more are compared.
 MARGIN = 1e-6
-# Vertices of most cells. With more, more heights are computed; with less, more directions twice.
+# Vertices that most cells have at most. With more, more heights are computed; with less, more
+# directions are looked at twice.
 WIDTH = 4
 
 

@@ -58,7 +58,7 @@ def vec_mat(v, matrix):
 
 
 def take(table, index, axis=None):
-    """`table[:, index]` as a contiguous table, on which later operations are faster."""
+    """`table.take(index, axis)`: contiguous, so that what follows is faster than on a view."""
     return table.take(index, axis)
 
 

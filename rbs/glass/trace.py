@@ -143,7 +143,8 @@ class Difference(NamedTuple):
 
     own, other : our event and theirs, None if there are no more
     symbols : in which the effects on the bodies differ; [] if the events are not the same
-    state : the `StateGap` with which they begin; if it is of KEPT, or without events, end
+    state : the `StateGap` with which they begin, or end if it is of KEPT; without events, with
+        which the steps end
     place : of the event in its step
     step : number of the step; hint : the mistake that explains it, or ""
     """

@@ -129,13 +129,13 @@ class Simulation(Results, SceneSimulation):
         lower: float | None = None,
         upper: float | None = None,
     ) -> None:
-        """Links two bodies by a bounded distance, from the next step on.
+        """Links two bodies, which still collide, by a bounded distance, from the next step on.
 
         point1, point2 : (3,), in world axes at the body's present pose, or the index of a vertex
         lower, upper : bounds of the distance, in m, by default the present distance: a rod. A rope
             has the lower bound 0; a joint, both bounds 0 and one point.
 
-        Linked bodies collide, too. Raises ValueError for a point outside, or not 0 ≤ lower ≤ upper.
+        Raises ValueError for a point outside its body, or not 0 ≤ lower ≤ upper.
         """
         bodies, ends, rests = [index_of(one, self.meshes) for one in (body1, body2)], [], []
         if bodies[0] == bodies[1]:

@@ -127,7 +127,7 @@ class SubmittedSteps:
     def step(self, meshes, groundMesh, *, settings, **options):
         """Makes one step in place; the arguments are those of `run_timestep`.
 
-        If a function fails or gives an invalid state, meshes stay, and StateError is raised.
+        Raises StateError if a function fails or gives an invalid state; meshes stay as they were.
         """
         if lacking := self.lacking(settings):
             raise StateError(lacking)

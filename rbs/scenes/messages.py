@@ -32,13 +32,13 @@ def import_optional(package, failure, Error):
 
 
 def print_error(message):
-    """Prints an error or a note on stderr, if that is open, as one line, unless it is empty."""
+    """Prints an exception or a note on stderr, if that is open, as one line, unless it is empty."""
     if message and sys.stderr is not None:
-        print(f"{PROGRAM_NAME}: {one_line(message)}", file=sys.stderr, flush=True)
+        print(f"{PROGRAM_NAME}: {cause_of(message)}", file=sys.stderr, flush=True)
 
 
 def cause_of(error):
-    """Returns an error of input, disk or memory as one line, an OSError with its file's name."""
+    """`one_line`, but an OSError begins with the name of its file."""
     place = f"{error.filename or 'cannot write'}: " if isinstance(error, OSError) else ""
     return place + one_line(error)
 

@@ -40,6 +40,13 @@ SLEEP_SECONDS = 0.5
 LOAD_GROWTH = 2.0
 
 
+def push_speeds(motion, radius):
+    """Greatest speeds at which overlaps and distance errors are pushed out, for radii of bodies:
+    with these, a body has fallen by half its radius.
+    """
+    return np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
+
+
 class SoftContacts(PlacedManifolds):
     """Impulses of a step on the `ContactRows` of the manifolds that have a movable body.
 
@@ -58,8 +65,7 @@ class SoftContacts(PlacedManifolds):
         super().__init__(manifolds, frames, indices(isMovable))
         self.ends = take(columns, self.rows, axis=1)
         size, radius = frames.sizes(self.first, self.second)
-        # no faster than the smaller one falls by half its radius
-        self.pushSpeed = -np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
+        self.pushSpeed = -push_speeds(motion, radius)
         impulse = manifolds.impulse[:, self.rows] * self.isPoint
         self.impulse = ratio * np.concatenate((impulse, manifolds.friction[:, self.rows]))
         self.separation = self.gap.copy()

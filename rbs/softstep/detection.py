@@ -75,6 +75,7 @@ class Frames:
 
     reach : (n + 1,), largest distance that points of each body move in the flight
     tiedReach : (n + 1,), the same of what constraints join it to, or 0
+    extraReach : (n,), what is not by its own shift: the sum of `spinReach` and `tiedReach`
     box : (6, n), bounding boxes of the whole flight, with a margin that keeps the manifolds of
         resting pairs and lets sleeping bodies sleep
     """
@@ -126,7 +127,8 @@ class Frames:
         # constraints may make a body as fast as the one it is tied to
         np.maximum.at(self.tiedReach, tied, own[tied[::-1]])
         self.reach = np.maximum(own, self.tiedReach)
-        margin = self.spinReach + MARGIN * self.hulls.thickness + self.tiedReach[:-1]
+        self.extraReach = self.spinReach + self.tiedReach[:-1]
+        margin = self.extraReach + MARGIN * self.hulls.thickness
         flight = np.concatenate((self.shift, -self.shift))
         self.box = self.bodies.box + np.minimum(flight, 0.0) - margin
         return margin
@@ -215,8 +217,7 @@ def _facing_pairs(frames, first, second, axis):
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
     axis, size = pairs.axis, frames.sizes(first, second)[0]
     # a body that withdraws counts as still, because the impulse of another one may stop it
-    ownReach = frames.spinReach + frames.tiedReach[:-1]
-    advance = take(ownReach, first) + take(ownReach, second)
+    advance = take(frames.extraReach, first) + take(frames.extraReach, second)
     advance += np.maximum(dot(take(frames.shift, first, axis=1), axis), 0.0)
     advance -= np.minimum(dot(take(frames.shift, second, axis=1), axis), 0.0)
     near = indices(pairs.penetration >= -(advance + MARGIN * size))

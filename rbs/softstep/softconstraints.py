@@ -12,7 +12,7 @@ from scipy.linalg.lapack import dpbsv
 from scipy.sparse import csgraph, csr_array
 
 from rbs.geometry.vectors import cross, indices, mat_vec, norm, take
-from rbs.softstep.contacts import SLEEP_SECONDS
+from rbs.softstep.contacts import push_speeds
 from rbs.softstep.manifolds import ROUNDING
 from rbs.softstep.rows import SWEEPS, TOLERANCE, inverted
 from rbs.stepping.constraints import ConstraintRows
@@ -64,8 +64,7 @@ class SoftConstraints:
         self._arms = frames.bodies.arms(bodies, vertices).reshape(3, -1)
         self._centres = take(frames.position, bodies.ravel(), axis=1)
         self._reach, radius = norm(self._arms).reshape(2, -1), frames.sizes(*bodies)[1]
-        # no faster than the smaller body falls by its radius, as contacts
-        self.pushSpeed = np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
+        self.pushSpeed = push_speeds(motion, radius)
         isMoving = motion.invMass[self._column] > 0.0
         self.ends, self.rows, self._order = _paired(self._column.tobytes(), isMoving.tobytes())
         self._free, self._pull = motion.invInertia.copy(), np.zeros(self.count)
@@ -74,7 +73,8 @@ class SoftConstraints:
 
     def _update(self, motion, impulse):
         """Updates inertias for the `impulse` (K,) of a substep, see `_stiffen`, and distances,
-        bounds, Jacobians and responses for the present poses."""
+        bounds, Jacobians and responses for the present poses.
+        """
         self._stiffen(motion, impulse)
         point, arm = self._points(motion.shift, motion.turn)
         self.length, d = distance_error(*point, 0.0)
@@ -129,35 +129,38 @@ class SoftConstraints:
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
         force in the middle of the substep, which also keeps points on the circles on which they
-        turn. Adds the pseudo-velocity that pushes distances to their bounds."""
+        turn. Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
+        """
         v, h, isNear = motion.rates(), self.h, self.impulse[self.movable] != 0.0
         (first, second), _ = self._points(motion.shift + h * v[:3], motion.turn + h * v[3:])
         change = norm(first - second) - self.length + self.gap
-        self._scaled = self._solve(motion, np.zeros(self.count), change / h, isNear)
+        impulse = self._solve(motion, np.zeros(self.count), change / h, isNear)
+        self.impulse[self.movable] = impulse
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
         isOff = ~self.isSlack & (np.abs(self.C) > TOLERANCE * self.length)
-        self._pushed = self._changes(motion, self._answer(isOff, speed, SOFTNESS))
-        motion.velocity += self._pushed
+        pushed = self._changes(motion, self._answer(isOff, speed, SOFTNESS))
+        motion.velocity += pushed
+        return pushed
 
-    def relax(self, motion):
-        """Drops the pseudo-velocity, and stops what still violates the bounds."""
-        motion.velocity -= self._pushed
-        self._update(motion, self._scaled * self.scale)
-        speeds, old = self.J * take(motion.rates(), self._column, 1), self._scaled
+    def relax(self, motion, pushed):
+        """Drops the pseudo-velocity of `pull`, and stops what still violates the bounds."""
+        motion.velocity -= pushed
+        impulse = self.impulse[self.movable]
+        self._update(motion, impulse)
+        speeds = self.J * take(motion.rates(), self._column, 1)
         error = speeds.reshape(6, 2, -1).sum(axis=(0, 1)) + self.gap / self.h
-        self._scaled = self._solve(motion, old, error, old != 0.0)
-        self.impulse[self.movable] = self._scaled * self.scale
+        self.impulse[self.movable] = self._solve(motion, impulse, error, impulse != 0.0)
 
     def _solve(self, motion, old, error, isActive):
-        """Changes velocities so that no speed exceeds its bound; returns the scaled impulses (K,).
+        """Changes velocities so that no speed exceeds its bound; returns the impulses (K,).
 
-        old : (K,), scaled impulses so far; error : (K,), by how much speeds exceed their bounds
+        old : (K,), impulses so far; error : (K,), by how much speeds exceed their bounds
         isActive : (K,), constraints that are tried first
 
         Active constraints are equations. Those whose impulse would have the wrong sign leave, and
         those whose bound would be exceeded join in, until there are none.
         """
-        error = error * self.scale
+        old, error = old / self.scale, error * self.scale
         least = TOLERANCE * np.abs(error).max()
         isActive = isActive | self.isRigid | (np.clip(-error, self.lowest, self.highest) != 0.0)
         error += ROUNDING * old  # of several solutions, about the least
@@ -171,7 +174,7 @@ class SoftConstraints:
                 break
             isActive = (isActive & ~isWrong) | isMissing
         motion.velocity += self._changes(motion, wanted - old)
-        return wanted
+        return wanted * self.scale
 
     def _answer(self, isActive, speed, softness):
         """Scaled impulses (K,) of active ones that stop the speeds (K,): (A + softness) λ = -u"""

@@ -99,11 +99,11 @@ def _make_substep(motion, contacts, distances, h):
     contacts.warm_start()
     if distances.count:
         contacts.apply(motion)
-        distances.pull(motion)
+        pushed = distances.pull(motion)
     unsolved = contacts.soft_sweep(motion)
     motion.integrate(h)
     if distances.count:
-        distances.relax(motion)
+        distances.relax(motion, pushed)
         contacts.measure(motion)
     contacts.relax(motion, unsolved)
 

@@ -348,9 +348,7 @@ def row_pushed(count):
 
 
 def asleep(engine, make, *arguments, seconds, e=0.0, mu=0.0):
-    """Largest difference between bodies that sleep as something happens, and that do not, of the
-    largest way of one awake.
-    """
+    """Largest difference between asleep and awake, of the largest way of a body that is awake."""
     if engine != "soft step":
         raise UnsuitedError
     (meshes, act), ways = make(*arguments), []
@@ -383,9 +381,7 @@ def against_a_wall(engine, count, e=0.0):
 
 
 def plastic_row(engine, count, width=1):
-    """Least and greatest speed of cubes in a row, the middle one of `width`, that one of them hits,
-    of their common speed.
-    """
+    """Least and greatest speed of a row, of the common one; the middle one of `width` is hit."""
     places = [(i + 1.0, 0.5, k - width // 2) for k in range(width) for i in range(count - 1)]
     meshes = [throw(box(-0.5), (1, 0, 0)), *(box(*place) for place in places)]
     run(engine, meshes, 1.0, mu=0.0)

@@ -160,9 +160,7 @@ def test_their_detection_counts(tmp_path):
 
 
 def test_gravity_arguments_and_names_are_right_for_a_careless_student(tmp_path):
-    """One who knows the Earth only, edits the arrays that are given, and keeps numbers in a
-    mesh by names that are ours.
-    """
+    """Knows the Earth only, edits given arrays, and keeps numbers in a mesh by names of ours."""
     careless = """import copy
 right, moved = resolve_collision, resolve_position_constraint
 make, fly = Mesh.__init__, Mesh.integrate_timestep
