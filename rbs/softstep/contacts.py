@@ -264,7 +264,8 @@ class SoftContacts(PlacedManifolds):
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
         hasLeft = isOpening & ~isStruck & (self.total[:POINTS] <= self.carried)
-        return self._solved(motion, self.total, isPart, bias, self.isPoint & ~hasLeft)
+        isActive = self.isPoint & ~hasLeft
+        return self._solved(motion, self.total, isPart & isActive.any(axis=0), bias, isActive)
 
     def _elastic(self, motion, total, bounces, CRCoeff):
         """Returns total impulses with which points separate as fast as they closed, then the points
