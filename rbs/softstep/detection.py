@@ -35,11 +35,11 @@ from rbs.stepping.constraints import linked_keys
 
 # Lengths are fractions of the thickness of the thinner body.
 
-# Change of the relative pose after which a manifold is rebuilt, height over the deepest point up to
-# which others count, and depth by which a point may sink in a substep if another sweep would stop
-# it. With more, its normal becomes visibly outdated, cylinders that roll sink between points too
-# far apart, and fast heavy bodies press light ones into the ground; with less, time is spent on
-# finding the same manifold again, and on sweeps.
+# Change of the relative pose after which the manifold of two bodies is rebuilt, height over the
+# deepest point up to which others count, and depth by which a point may sink in a substep if
+# another sweep would stop it. With more, its normal becomes visibly outdated, cylinders that roll
+# sink between points too far apart, and fast heavy bodies press light ones into the ground; with
+# less, time is spent on finding the same manifold again, and on sweeps.
 KEEP = 0.03
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
 # time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
@@ -78,6 +78,7 @@ class Frames:
     extraReach : (n,), what is not by its own shift: the sum of `spinReach` and `tiedReach`
     box : (6, n), bounding boxes of the whole flight, with a margin that keeps the manifolds of
         resting pairs and lets sleeping bodies sleep
+    isNearGround : (n,), bodies that may meet the ground in the flight
     """
 
     def __init__(self, bodies, timeStep=0.0, hasGround=False):
@@ -110,7 +111,7 @@ class Frames:
         margin, ways = self._place_boxes(tied), np.concatenate((self.glide, -self.glide))[:, :-1]
         growth = AHEAD * (margin - np.minimum(ways, 0.0)) + ASIDE * self.hulls.radius
         near = self.bodies.near_pairs(self.box, isStill, growth)
-        isHeld = self.bodies.isFixed | (self.hasGround & (self.box[1] <= 0.0))
+        isHeld = self.bodies.isFixed | self.isNearGround
         island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
         isFree = (np.bincount(island, isHeld) == 0.0)[island]
         if isFree[near].any():
@@ -131,6 +132,7 @@ class Frames:
         margin = self.extraReach + MARGIN * self.hulls.thickness
         flight = np.concatenate((self.shift, -self.shift))
         self.box = self.bodies.box + np.minimum(flight, 0.0) - margin
+        self.isNearGround = self.hasGround & (self.box[1] <= 0.0) & ~self.bodies.isFixed
         return margin
 
     def sizes(self, first, second):
@@ -185,14 +187,16 @@ def detect(step, frames, kept, isDisturbed, tied):
 def _valid_manifolds(manifolds, frames, nearKey, isStill):
     """Returns the manifolds of pairs that are still near and in nearly the same relative pose.
 
-    Those on the ground, which cost little, are built anew: between its old points, a cylinder that
-    wobbles on its edge would sink in, and gain energy as it is pushed out.
+    Those on the ground change sooner: between its old points, a cylinder that wobbles on its edge
+    would sink in, and gain energy as it is pushed out.
 
     nearKey : (Q,), sorted keys of the near pairs of which one body moves; isStill : as for `detect`
     """
     ends = manifolds.bodies(frames.count)
     isValid = np.append(isStill, True)[ends].all(axis=0)
-    moved = indices(~isValid & (find_sorted(manifolds.key, nearKey) >= 0))
+    isNear = find_sorted(manifolds.key, nearKey) >= 0
+    isNear |= (ends[1] == frames.count) & np.append(frames.isNearGround, False)[ends[0]]
+    moved = indices(~isValid & isNear)
     first, second = take(ends, moved, axis=1)
     rotation1 = take(frames.rotation, first, axis=1)
     translation = vec_mat(frames.translations(first, second), rotation1)
@@ -203,7 +207,7 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     angle = np.pi * np.sqrt(np.maximum(1.0 - cosine, 0.0))
     size, radius = frames.sizes(first, second)
     change = norm(translation - take(manifolds.translation, moved, axis=1)) + angle * radius
-    isValid[moved] = change <= KEEP * size
+    isValid[moved] = change <= np.where(second == frames.count, FLUSH, KEEP) * size
     return manifolds.rows(indices(isValid))
 
 
@@ -256,10 +260,10 @@ def _with_pairs(frames, pairs, valid, ground):
 
 def _ground_contacts(frames, valid):
     """`Contacts` with the ground of bodies that have none in the valid `Manifolds`."""
-    isNear = frames.hasGround & (frames.box[1] <= 0.0) & ~frames.bodies.isFixed
     first, second = valid.bodies(frames.count)
-    isNear[first[second == frames.count]] = False
-    body = indices(isNear)
+    isAsked = frames.isNearGround.copy()
+    isAsked[first[second == frames.count]] = False
+    body = indices(isAsked)
     ground = np.full(len(body), frames.count)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
     hulls = frames.hulls
