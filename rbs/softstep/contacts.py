@@ -102,6 +102,7 @@ class SoftContacts(PlacedManifolds):
         self.most = (1.0 - self.softness) * loads
         # impulses of shorter substeps are a wrong start, which one sweep would leave
         self.isUneven = isUneven | (ratio > 1.0)
+        self.weight[:, self.isUneven] = np.inf  # what converges may grow
         # in every substep, constraints may pull down again what one sweep has stopped
         isTied = frames.tiedReach > 0.0
         isTied = isTied[self.first] | isTied[self.second]
@@ -156,7 +157,6 @@ class SoftContacts(PlacedManifolds):
         """Impulses (7, M), if those at the points were (4, M) before, limited by LOAD_GROWTH."""
         normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
         grown = np.minimum(normal, np.maximum(LOAD_GROWTH * before, self.weight))
-        grown[:, self.isUneven] = normal[:, self.isUneven]
         share = np.add.reduce(grown) / np.maximum(np.add.reduce(normal), TINY)
         return np.concatenate((grown, friction * share))
 
@@ -192,10 +192,12 @@ class SoftContacts(PlacedManifolds):
         Those of uneven islands, and all of bodies of which a point sinks faster than `sinkSpeed`.
         """
         sinking = np.maximum(self.separation, 0.0) / self.h + self.speed[:POINTS] < -self.sinkSpeed
-        isSinking = np.zeros(len(motion.invMass), dtype=bool)
-        isSinking[self.ends[:, (sinking & self.isPoint).any(axis=0)]] = True
-        isSinking &= motion.invMass > 0.0
-        some = indices(self.isUneven | isSinking[self.ends].any(axis=0))
+        isPart, sinking = self.isUneven, sinking.any(axis=0)
+        if sinking.any():
+            isSinking = np.zeros(len(motion.invMass), dtype=bool)
+            isSinking[self.ends[:, sinking]] = True
+            isPart = isPart | (isSinking & (motion.invMass > 0.0))[self.ends].any(axis=0)
+        some = indices(isPart)
         isPoint = take(self.isPoint, some, 1)
         return some, self.system.of(some, isPoint, motion) if len(some) else None
 
