@@ -110,7 +110,7 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
     # what stands on the ground, or on a fixed body, that moves, and what has lost its support
     carriers = bodies.isFixed & (isDisturbed | bodies.isKinematic)
     isWoken = (isBereft | beside(carriers, links, frames.isGroundMoving)) & isFree
-    isWoken = isDisturbed | connected(isWoken, isFree, links) | bodies.isFixed
+    isWoken = isDisturbed | connected(isWoken, isFree, links)
     if sleep.isAsleep.any():
         isMoving = isDisturbed | ~(sleep.isAsleep | _are_slow(bodies))
         isWoken |= sleep.isAsleep & beside(isMoving, links)
