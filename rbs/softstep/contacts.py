@@ -87,7 +87,8 @@ class SoftContacts(PlacedManifolds):
         self.closing = -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
         # that gravity adds in a step, in m/s
         self.fallSpeed = max(motion.fallRate * self.timeStep, self.rounding)
-        self.slow = max(TOLERANCE * self.fallSpeed, self.rounding)
+        hardest = max(self.fallSpeed, -self.closing.min(initial=0.0))
+        self.slow = max(TOLERANCE * hardest, self.rounding)
         self.rate, self.softness = spring(FREQUENCY, DAMPING, h)
         self.started = self.impulse[:POINTS]
         # in a step as in the last substep
