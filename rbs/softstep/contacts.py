@@ -79,7 +79,7 @@ class SoftContacts(PlacedManifolds):
         self.system = contact_rows(self, self.ends, masses, frames, motion, mu)
         self.system.turn(0.5 * h)  # arms are those in the middle of the next substep
         self.speed = self.system.speeds(motion)
-        self.rounding = ROUNDING * np.abs(self.speed).max(initial=0.0)
+        self.rounding = ROUNDING * np.abs(self.speed[:6]).max(initial=0.0)
         # u² = u₀² - 2 a s, with the relative acceleration a along the normal
         gravity = np.subtract(*take(motion.gravity, self.ends[::-1], axis=1).swapaxes(0, 1))
         gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.gap, 0.0)
@@ -87,7 +87,8 @@ class SoftContacts(PlacedManifolds):
         self.closing = -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
         # that gravity adds in a step, in m/s
         self.fallSpeed = max(motion.fallRate * self.timeStep, self.rounding)
-        self.slow = max(TOLERANCE * self.fallSpeed, self.rounding)
+        hardest = max(self.fallSpeed, -self.closing.min(initial=0.0))
+        self.slow = max(TOLERANCE * hardest, self.rounding)
         self.rate, self.softness = spring(FREQUENCY, DAMPING, h)
         self.started = self.impulse[:POINTS]
         # in a step as in the last substep

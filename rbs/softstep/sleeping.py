@@ -10,8 +10,8 @@ This spreads by one body per step. But a whole island wakes at once where it los
 outside, or stands on one that moves; on that, it stays awake, however slow it is.
 
 A sleeper is no wall, either. Those that a blow could make fast, if its momentum passed on to them,
-are tried: they move in this step with their masses, and if they are slow at its end, they have
-never moved. Those that a force could move wake.
+are tried: they move in this step with their masses. Those that still lie at rest at its end have
+never moved; others stay awake until they do. Those that a force could move wake.
 """
 
 from copy import deepcopy
@@ -65,19 +65,15 @@ class Sleep(SimpleNamespace):
             column[..., number[:-1][isKept]] = getattr(self, name)[..., isKept]
         return sleep
 
-    def put_back(self, bodies, motion, isTried):
-        """Returns which of the bodies on trial (n,) wake; the others have not moved."""
-        isFast = isTried & ~_are_slow(bodies, motion)
-        isBack = isTried & ~isFast
-        bodies.state[:, :-1] = np.where(isBack, self.state, bodies.state[:, :-1])
-        return isFast
-
-    def settled(self, step, frames, motion):
-        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep."""
+    def settled(self, step, frames, motion, isTried):
+        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep; those on
+        trial, isTried (n,), that do so have not moved.
+        """
         bodies, timeStep = frames.bodies, step.timeStep
         if not step.sleeping:
             return Sleep.none(bodies)
-        isSlow = _are_slow(bodies, motion) | self.isAsleep
+        isStill = self.isAsleep & ~isTried
+        isSlow = _are_slow(bodies, motion) | isStill
         timer = np.where(bodies.isFixed, np.inf, np.where(isSlow, self.timer + timeStep, 0.0))
         # with a steady acceleration a, the two means differ by a MEAN_SECONDS; a tremor cancels out
         keep = np.where(np.minimum(self.timer, timer) > 0.0, np.exp(-timeStep / MEAN_SECONDS), 0.0)
@@ -86,16 +82,11 @@ class Sleep(SimpleNamespace):
         # what glides is no more at rest than what speeds up
         drift = np.maximum(_speeds(bodies, mean - slower), _speeds(bodies, slower))
         isSteady = drift <= STEADY * bodies.fallRate * MEAN_SECONDS
-        isAsleep = self.isAsleep | (isSteady & (timer >= SLEEP_SECONDS))
-        isAsleep &= ~bodies.isFixed
+        isAsleep = (isStill | (isSteady & (timer >= SLEEP_SECONDS))) & ~bodies.isFixed
         bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)
+        bodies.state[:, :-1] = np.where(isTried & isAsleep, self.state, bodies.state[:, :-1])
         mean, state = np.concatenate((mean, slower)), bodies.state[:, :-1]
         return Sleep(isAsleep=isAsleep, timer=timer, mean=mean, state=state)
-
-    def woken(self, isWoken):
-        """Returns the `Sleep` in which some bodies (n,) are awake, and their timers start anew."""
-        timer = np.where(isWoken, 0.0, self.timer)
-        return Sleep(**vars(self) | {"isAsleep": self.isAsleep & ~isWoken, "timer": timer})
 
 
 def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
@@ -119,10 +110,10 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
     # what stands on the ground, or on a fixed body, that moves, and what has lost its support
     carriers = bodies.isFixed & (isDisturbed | bodies.isKinematic)
     isWoken = (isBereft | beside(carriers, links, frames.isGroundMoving)) & isFree
-    isWoken = isDisturbed | connected(isWoken, isFree, links) | bodies.isFixed
+    isWoken = isDisturbed | connected(isWoken, isFree, links)
     if sleep.isAsleep.any():
-        fast = ~(sleep.isAsleep | _are_slow(bodies))
-        isWoken |= sleep.isAsleep & beside(isDisturbed | fast, links)
+        isMoving = isDisturbed | ~(sleep.isAsleep | _are_slow(bodies))
+        isWoken |= sleep.isAsleep & beside(isMoving, links)
         load = bodies.acceleration - np.reshape([*step.gravity, 0.0, 0.0, 0.0], (6, 1))
         force = bodies.isDriven * _speeds(bodies, load)
         mass = 1.0 / np.where(isFree, bodies.invMass[:-1], np.inf)
@@ -132,7 +123,9 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
         blow = (1.0 + step.CRCoeff) * isAwake * _striking_speeds(step, frames, manifolds, isAwake)
         least = _slow_speeds(bodies)
         isTried = ~isAwake & reached(blow >= least, blow, mass, links, least)
-    return manifolds, sleep.woken(isWoken), isTried
+    timer = np.where(isWoken, 0.0, sleep.timer)
+    sleep = Sleep(**vars(sleep) | {"isAsleep": sleep.isAsleep & ~isWoken, "timer": timer})
+    return manifolds, sleep, isTried
 
 
 def _striking_speeds(step, frames, manifolds, isAwake):
@@ -217,11 +210,9 @@ def connected(some, isFree, links):
 
 def beside(some, links, ground=False):
     """Which bodies (n,) are linked to one of `some` (n,), or to the ground if that is one."""
-    first, second = links
     some = np.append(some, ground)
     found = np.zeros_like(some)
-    found[first[some[second]]] = True
-    found[second[some[first]]] = True
+    found[links[some[links[::-1]]]] = True
     return found[:-1]
 
 

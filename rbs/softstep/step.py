@@ -78,11 +78,11 @@ def soft_step(step):
         contacts.impact(motion, step.CRCoeff, distances)
     with report.phase("writeBack"):
         motion.store(bodies)
-        sleep = sleep.woken(sleep.put_back(bodies, motion, isTried))
-        kept.manifolds = contacts.store(manifolds, np.append(sleep.isAsleep | bodies.isFixed, True))
+        kept.sleep = sleep.settled(step, frames, motion, isTried)
+        isStill = (sleep.isAsleep & kept.sleep.isAsleep) | bodies.isFixed
+        kept.manifolds = contacts.store(manifolds, np.append(isStill, True))
         check_numbers(snapshot_of(bodies.state), step.meshes, "contacts and constraints")
         kept.constraint, kept.constraintImpulse = constraints, distances.impulse
-        kept.sleep = sleep.settled(step, frames, motion)
         kept.rest = None
         bodies.write_back()
         state.replace(kept)

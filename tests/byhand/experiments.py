@@ -341,6 +341,11 @@ def row_hit(count, speed):
     return thrown([box(-1.5)] + [box(k) for k in range(count)], (speed, 0, 0))
 
 
+def row_rolled_at(count):
+    ball = above(shapes.sphere(0.5, 1.0, (-2, 0, 0)))
+    return [ball, *(box(k) for k in range(count))], lambda ball: throw(ball, (3, 0, 0), (0, 0, -6))
+
+
 def row_pushed(count):
     meshes = [box(k) for k in range(count)]
     load = (0.5 * count * meshes[0].mass, *np.zeros(5))
