@@ -5,6 +5,7 @@ conserve the energy. Distance errors are pushed out by a pseudo-velocity, which 
 then dropped, so that it adds none.
 """
 
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -12,8 +13,8 @@ from scipy.linalg.lapack import dpbsv
 from scipy.sparse import csgraph, csr_array
 
 from rbs.geometry.vectors import cross, indices, mat_vec, norm, take
-from rbs.softstep.contacts import push_speeds
-from rbs.softstep.manifolds import ROUNDING
+from rbs.softstep.contacts import SLEEP_SECONDS, push_speeds
+from rbs.softstep.manifolds import ROUNDING, TINY
 from rbs.softstep.rows import SWEEPS, TOLERANCE, inverted
 from rbs.stepping.constraints import ConstraintRows
 from rbs.stepping.flight import turn_matrix
@@ -48,9 +49,10 @@ class SoftConstraints:
     def __init__(self, key, frames, motion, kept, h, ratio):
         """kept : `SolverState`; h, ratio : as for `SoftContacts`"""
         bodies, vertices = (key[k:4:2].astype(np.intp) for k in (0, 1))
-        self.impulse = np.zeros(len(key[0]))
+        self.impulse, self.lasting = np.zeros((2, len(key[0])))
         if np.array_equal(key, kept.constraint):
-            self.impulse = ratio * kept.constraintImpulse
+            self.impulse, self.lasting = ratio * kept.constraintImpulse
+            self.lasting *= math.exp(-motion.timeStep / SLEEP_SECONDS)
         columns = take(motion.column, bodies)
         self.movable = indices((motion.invMass[columns] > 0.0).any(axis=0))
         self.count, self.visits, self.h = len(self.movable), 0, h
@@ -67,17 +69,16 @@ class SoftConstraints:
         self.pushSpeed = push_speeds(motion, radius)
         isMoving = motion.invMass[self._column] > 0.0
         self.ends, self.rows, self._order = _paired(self._column.tobytes(), isMoving.tobytes())
-        self._free, self._pull = motion.invInertia.copy(), np.zeros(self.count)
-        self._last = np.abs(self.impulse[self.movable])
+        self._free, self._last = motion.inverse.copy(), self.impulse[self.movable]
         self._update(motion, self._last)
 
     def _update(self, motion, impulse):
         """Updates inertias for the `impulse` (K,) of a substep, see `_stiffen`, and distances,
         bounds, Jacobians and responses for the present poses.
         """
-        self._stiffen(motion, impulse)
         point, arm = self._points(motion.shift, motion.turn)
         self.length, d = distance_error(*point, 0.0)
+        self._stiffen(motion, impulse)
         d = np.concatenate((d, -d), axis=1)
         rCrossD = cross(arm, d)
         angular = mat_vec(take(motion.invInertia, self._column, axis=1), rCrossD)
@@ -101,23 +102,30 @@ class SoftConstraints:
         return (point[:, : self.count], point[:, self.count :]), arm
 
     def _stiffen(self, motion, impulse):
-        """Adds to the inertia of light bodies that strong pulls would turn to and fro too fast.
+        """Adds to the masses and inertias of light bodies that strong pulls would move too fast.
 
-        A pull P at the arm r is a torsion spring of the stiffness P r. With the inertia P r h², the
-        body swings by one radian in a substep, which is stable (Andrews, Teichmann, Kövecses:
-        Geometric Stiffness for Real-time Constrained Multibody Dynamics. Computer Graphics Forum,
-        2017). The largest pull of the step counts that lasts for two substeps, unlike a blow's.
+        A pull P along the length L is a spring of the stiffness P/L across it, and at the arm r a
+        torsion spring of P r. With the mass P h²/L and the inertia P r h², bodies swing by one
+        radian in a substep, which is stable (Andrews, Teichmann, Kövecses: Geometric Stiffness for
+        Real-time Constrained Multibody Dynamics. Computer Graphics Forum, 2017). Masses that follow
+        each change of a pull would drive the swing: counts the largest one that has lasted for two
+        substeps, unlike a blow's, and it fades in SLEEP_SECONDS.
         """
-        before, self._last = self._last, np.abs(impulse)
-        self._pull = np.maximum(self._pull, np.minimum(self._last, before))
-        pull = self._pull * self.h * self._reach
-        swing = np.bincount(self._column, pull.ravel(), len(motion.invMass))
-        inverse = self._free.reshape(3, 3, -1)
-        some = indices(swing * inverse.trace() > 1.0)
+        before, self._last = self._last, impulse
+        pull = np.minimum(np.abs(before), np.abs(impulse))
+        self.lasting[self.movable] = pull = np.maximum(self.lasting[self.movable], pull)
+        pull, reach = pull * self.h, self._reach
+        across, turning = (
+            np.bincount(self._column, x.ravel(), len(motion.invMass))
+            for x in (pull / np.maximum(self.length, reach), pull * reach)
+        )
+        mass, inertia = self._free[0], self._free[1:].reshape(3, 3, -1)
+        motion.invMass[:] = np.minimum(mass, 1.0 / np.maximum(across, TINY))
+        some = indices(turning * inertia.trace() > 1.0)
         if len(some):
-            inverse = inverse[..., some]
-            more = np.eye(3)[..., None] * (swing[some] - 1.0 / inverse.trace())
-            motion.invInertia[:, some] = inverted(inverted(inverse) + more).reshape(9, -1)
+            inertia = inertia[..., some]
+            more = np.eye(3)[..., None] * (turning[some] - 1.0 / inertia.trace())
+            motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
     def infeasible(self):
         """Columns of `Motion` (2, I) that infeasible constraints join, see SOFTNESS."""

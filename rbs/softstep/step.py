@@ -81,7 +81,8 @@ def soft_step(step):
         sleep = sleep.woken(sleep.put_back(bodies, motion, isTried))
         kept.manifolds = contacts.store(manifolds, np.append(sleep.isAsleep | bodies.isFixed, True))
         check_numbers(snapshot_of(bodies.state), step.meshes, "contacts and constraints")
-        kept.constraint, kept.constraintImpulse = constraints, distances.impulse
+        kept.constraint = constraints
+        kept.constraintImpulse = np.stack((distances.impulse, distances.lasting))
         kept.sleep = sleep.settled(step, frames, motion)
         kept.rest = None
         bodies.write_back()
@@ -193,7 +194,7 @@ class SolverState:
     substep : length of a substep in s, 0 before the first step. A change wakes all bodies
     removed : indices of bodies that have been removed since the last step, in this order
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
-    constraintImpulse : (R,), as in `Manifolds`
+    constraintImpulse : (2, R), of a substep, and the largest that has lasted, see `SoftConstraints`
     rest : `StillContacts` while no body moves, or None
     """
 
@@ -205,7 +206,7 @@ class SolverState:
         self.count, self.manifolds, self.sleep = None, NO_MANIFOLDS, None
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
         self.constraint, self.surroundings = np.zeros((6, 0)), np.zeros(0)
-        self.constraintImpulse = np.zeros(0)
+        self.constraintImpulse = np.zeros((2, 0))
         self.substep, self.removed, self.rest = 0.0, (), None
 
     def begun(self, bodies):
