@@ -9,10 +9,10 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg.lapack import dpbsv
+from scipy.linalg.lapack import dpbtrf, dpbtrs
 from scipy.sparse import csgraph, csr_array
 
-from rbs.geometry.vectors import cross, indices, mat_vec, norm, take
+from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
 from rbs.softstep.contacts import SLEEP_SECONDS, push_speeds
 from rbs.softstep.manifolds import ROUNDING, TINY
 from rbs.softstep.rows import SWEEPS, TOLERANCE, inverted
@@ -68,17 +68,22 @@ class SoftConstraints:
         self._reach, radius = norm(self._arms).reshape(2, -1), frames.sizes(*bodies)[1]
         self.pushSpeed = push_speeds(motion, radius)
         isMoving = motion.invMass[self._column] > 0.0
-        self.ends, self.rows, self._order = _paired(self._column.tobytes(), isMoving.tobytes())
-        self._free, self._last = motion.inverse.copy(), self.impulse[self.movable]
-        self._update(motion, self._last)
+        given = self._column.tobytes(), isMoving.tobytes()
+        self.ends, self.rows, self._order, self._bodies, self._which = _paired(*given)
+        self._free, self._last = motion.inverse.copy(), np.abs(self.impulse[self.movable])
+        self._update(motion, self._last, True)
 
-    def _update(self, motion, impulse):
-        """Updates inertias for the `impulse` (K,) of a substep, see `_stiffen`, and distances,
-        bounds, Jacobians and responses for the present poses.
+    def _update(self, motion, impulse, isFirst=False):
+        """Updates distances, bounds, Jacobians and responses for the present poses, and inertias for
+        the `impulse` (K,) of a substep.
         """
         point, arm = self._points(motion.shift, motion.turn)
         self.length, d = distance_error(*point, 0.0)
-        self._stiffen(motion, impulse)
+        before, self._last = self._last, np.abs(impulse)
+        pull, lasting = np.minimum(before, self._last), self.lasting[self.movable]
+        if isFirst or (pull > lasting).any():
+            self.lasting[self.movable] = np.maximum(pull, lasting)
+            self._stiffen(motion)
         d = np.concatenate((d, -d), axis=1)
         rCrossD = cross(arm, d)
         angular = mat_vec(take(motion.invInertia, self._column, axis=1), rCrossD)
@@ -88,6 +93,7 @@ class SoftConstraints:
         A = np.add.reduce(take(self.J, p, 1) * take(self.MJ, q, 1))
         self.scale = 1.0 / np.sqrt(np.bincount(i[i == j], A[i == j], self.count))
         self.A = A * take(self.scale, i) * take(self.scale, j)
+        self._factors = {}
         isUpper = self.length - self.upper >= self.lower - self.length
         self.C = self.length - np.where(isUpper, self.upper, self.lower)
         self.isSlack = np.where(isUpper, self.C < 0.0, self.C > 0.0) & ~self.isRigid
@@ -97,24 +103,22 @@ class SoftConstraints:
 
     def _points(self, shift, turn):
         """`((3, K), (3, K))`, both points after displacements of the bodies, and (3, 2 K), arms."""
-        arm = mat_vec(np.stack(turn_matrix(take(turn, self._column, axis=1))), self._arms)
+        rotation = np.stack(turn_matrix(take(turn, self._bodies, axis=1)))
+        arm = mat_vec(take(rotation, self._which, axis=1), self._arms)
         point = self._centres + take(shift, self._column, axis=1) + arm
         return (point[:, : self.count], point[:, self.count :]), arm
 
-    def _stiffen(self, motion, impulse):
+    def _stiffen(self, motion):
         """Adds to the masses and inertias of light bodies that strong pulls would move too fast.
 
         A pull P along the length L is a spring of the stiffness P/L across it, and at the arm r a
         torsion spring of P r. With the mass P h²/L and the inertia P r h², bodies swing by one
         radian in a substep, which is stable (Andrews, Teichmann, Kövecses: Geometric Stiffness for
         Real-time Constrained Multibody Dynamics. Computer Graphics Forum, 2017). Masses that follow
-        each change of a pull would drive the swing: counts the largest one that has lasted for two
-        substeps, unlike a blow's, and it fades in SLEEP_SECONDS.
+        each change of a pull would drive the swing: the largest one counts that has lasted for two
+        substeps, unlike a blow's, and fades in SLEEP_SECONDS.
         """
-        before, self._last = self._last, impulse
-        pull = np.minimum(np.abs(before), np.abs(impulse))
-        self.lasting[self.movable] = pull = np.maximum(self.lasting[self.movable], pull)
-        pull, reach = pull * self.h, self._reach
+        pull, reach = self.h * self.lasting[self.movable], self._reach
         across, turning = (
             np.bincount(self._column, x.ravel(), len(motion.invMass))
             for x in (pull / np.maximum(self.length, reach), pull * reach)
@@ -139,10 +143,15 @@ class SoftConstraints:
         force in the middle of the substep, which also keeps points on the circles on which they
         turn. Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
         """
-        v, h, isNear = motion.rates(), self.h, self.impulse[self.movable] != 0.0
+        v, h, impulse = motion.rates(), self.h, np.zeros(self.count)
         (first, second), _ = self._points(motion.shift + h * v[:3], motion.turn + h * v[3:])
-        change = norm(first - second) - self.length + self.gap
-        impulse = self._solve(motion, np.zeros(self.count), change / h, isNear)
+        # on the way along the direction d at the start, to the circle of the bound
+        way, bound = first - second, self.length - self.gap
+        size, along = norm(way), dot(self.J[:3, : self.count], way)
+        excess = size * size - bound * bound
+        root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
+        change = excess / np.maximum(np.maximum(root, size), TINY)
+        impulse = self._solve(motion, impulse, change / h, self.impulse[self.movable] != 0.0)
         self.impulse[self.movable] = impulse
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
         isOff = ~self.isSlack & (np.abs(self.C) > TOLERANCE * self.length)
@@ -155,8 +164,7 @@ class SoftConstraints:
         motion.velocity -= pushed
         impulse = self.impulse[self.movable]
         self._update(motion, impulse)
-        speeds = self.J * take(motion.rates(), self._column, 1)
-        error = speeds.reshape(6, 2, -1).sum(axis=(0, 1)) + self.gap / self.h
+        error = self._speeds(motion.rates()) + self.gap / self.h
         self.impulse[self.movable] = self._solve(motion, impulse, error, impulse != 0.0)
 
     def _solve(self, motion, old, error, isActive):
@@ -173,15 +181,20 @@ class SoftConstraints:
         isActive = isActive | self.isRigid | (np.clip(-error, self.lowest, self.highest) != 0.0)
         error += ROUNDING * old  # of several solutions, about the least
         for _ in range(SWEEPS):
-            known = np.where(isActive, 0.0, -old)
-            change = known + self._answer(isActive, error + self._response(known), ROUNDING)
+            known, speed = np.where(isActive, 0.0, -old), error
+            if known.any():
+                speed = error + self.scale * self._speeds(self._changes(motion, known))
+            change = known + self._answer(isActive, speed, ROUNDING)
             wanted = np.clip(old + change, self.lowest, self.highest)
-            left = np.clip(-error - self._response(change), self.lowest, self.highest)
-            isWrong, isMissing = wanted != old + change, ~isActive & (np.abs(left) > least)
+            isWrong, velocity = wanted != old + change, self._changes(motion, change)
+            left = np.clip(
+                -error - self.scale * self._speeds(velocity), self.lowest, self.highest
+            )
+            isMissing = ~isActive & (np.abs(left) > least)
             if not (isWrong | isMissing).any():
                 break
             isActive = (isActive & ~isWrong) | isMissing
-        motion.velocity += self._changes(motion, wanted - old)
+        motion.velocity += self._changes(motion, wanted - old) if isWrong.any() else velocity
         return wanted * self.scale
 
     def _answer(self, isActive, speed, softness):
@@ -190,25 +203,26 @@ class SoftConstraints:
         answer, count = np.zeros(self.count), len(order)
         if count == 0:
             return answer
-        place = np.empty(self.count, dtype=np.intp)
-        place[order] = np.arange(count)
-        some = indices(isActive[self.rows].all(axis=0))
-        i, j = place[take(self.rows, some, 1)]
-        width = int((i - j).max()) + 1
-        band = np.bincount((i - j) * count + j, self.A[some], width * count).reshape(width, count)
-        info = 1
-        while info and softness < np.inf:  # not 0 if A is indefinite by rounding, as of a needle
-            band[0] += softness
-            _, answer[order], info = dpbsv(band, -speed[order], lower=True)
-            softness *= 10.0
-        self.visits += count
+        key = isActive.tobytes(), softness
+        if key not in self._factors:
+            place = np.empty(self.count, dtype=np.intp)
+            place[order] = np.arange(count)
+            some = indices(isActive[self.rows].all(axis=0))
+            i, j = place[take(self.rows, some, 1)]
+            width, place, info = int((i - j).max()) + 1, (i - j) * count + j, 1
+            band = np.bincount(place, self.A[some], width * count).reshape(width, count)
+            while info and softness < np.inf:  # not 0 if A is indefinite by rounding, as of a needle
+                band[0] += softness
+                self._factors[key], info = dpbtrf(band, lower=True)
+                softness *= 10.0
+            self.visits += count
+        answer[order], _ = dpbtrs(self._factors[key], -speed[order], lower=True)
         return answer
 
-    def _response(self, impulse):
-        """Scaled speeds (K,) that scaled impulses (K,) add: A λ"""
-        i, j = self.rows
-        speed = np.bincount(i, self.A * impulse[j], self.count)
-        return speed + np.bincount(j, self.A * impulse[i], self.count) - impulse
+    def _speeds(self, velocity):
+        """Speeds (K,) at which distances change, with velocities (6, m + 1): J v"""
+        parts = self.J * take(velocity, self._column, 1)
+        return parts.reshape(6, 2, -1).sum(axis=(0, 1))
 
     def _changes(self, motion, impulse):
         """Changes (6, m + 1) of velocities by scaled impulses (K,): M⁻¹ Jᵀ λ"""
@@ -219,19 +233,21 @@ class SoftConstraints:
 
 @lru_cache(maxsize=8)
 def _paired(columns, isMoving):
-    """`(ends, rows, order)`: those of `SoftConstraints`, and an order (K,) in which constraints are
-    near each other that share a body. From the bytes of the columns of all ends, and which move.
+    """`(ends, rows, order, bodies, which)`: those of `SoftConstraints`, an order (K,) in which
+    constraints are near each other that share a body, the bodies, and which each end (2 K,) is on.
+    From the bytes of the columns of all ends, and which move.
     """
     columns, isMoving = np.frombuffer(columns, np.intp), np.frombuffer(isMoving, bool)
     count, end = len(columns) // 2, indices(isMoving)
-    body = csr_array((np.ones(len(end)), (end, columns[end])), (2 * count, columns.max() + 1))
+    bodies, which = np.unique(columns, return_inverse=True)
+    body = csr_array((np.ones(len(end)), (end, which[end])), (2 * count, len(bodies)))
     ends = np.array((body @ body.T).nonzero()).astype(np.intp)
     rows = ends % count
     shared = csr_array((np.ones(len(rows[0])), tuple(rows)), (count, count))
     order = csgraph.reverse_cuthill_mckee(shared, True)
     place = order.argsort()[rows]
     some = indices(place[0] >= place[1])
-    return take(ends, some, 1), take(rows, some, 1), order
+    return take(ends, some, 1), take(rows, some, 1), order, bodies, which
 
 
 def changed_ends(key, before):
