@@ -5,7 +5,6 @@ conserve the energy. Distance errors are pushed out by a pseudo-velocity, which 
 then dropped, so that it adds none.
 """
 
-import math
 from functools import lru_cache
 
 import numpy as np
@@ -13,17 +12,17 @@ from scipy.linalg.lapack import dpbtrf, dpbtrs
 from scipy.sparse import csgraph, csr_array
 
 from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
-from rbs.softstep.contacts import SLEEP_SECONDS, push_speeds
+from rbs.softstep.contacts import push_speeds
 from rbs.softstep.manifolds import ROUNDING, TINY
 from rbs.softstep.rows import SWEEPS, TOLERANCE, inverted
 from rbs.stepping.constraints import ConstraintRows
 from rbs.stepping.flight import turn_matrix
 from rbs.stepping.kernels import distance_error
 
-# Softness of pushes, as a fraction of each constraint's own response, and the error, as a fraction
-# of the distance, from which on constraints count as infeasible: where these push against each
-# other, bodies move across them by the error over the softness. With less, such bodies tremble;
-# with more, the heavy end of a chain is drawn up more slowly, and the chain gives way.
+# Softness of pushes, as a fraction of each constraint's own response: where infeasible ones push
+# against each other, bodies move across them by the error over the softness. With less, they
+# tremble; with more, the heavy end of a chain is drawn up more slowly, and the chain gives way. A
+# substep leaves this part of a feasible error; what two would not leave of the distance is infeasible.
 SOFTNESS = 0.1
 
 
@@ -39,7 +38,8 @@ class SoftConstraints:
     more violated. If no distance is between them, λ may have either sign. Impulses λ change the
     speeds by A λ = J M⁻¹ Jᵀ λ. Impulses and speeds are scaled so that A is 1 on its diagonal.
 
-    key : (6, R), body, vertex, body, vertex, lower, upper; impulse : (R,), of a substep
+    key : (6, R), body, vertex, body, vertex, lower, upper
+    impulse : (2, R), of a substep, and the greatest that has lasted for two
     movable : (K,), those that can move; all that follows is of these
     visits : number of impulses that all solutions of the step have solved for
     columns : (2, K), of `Motion`; scale : (K,), by which scaled impulses are multiplied
@@ -49,10 +49,9 @@ class SoftConstraints:
     def __init__(self, key, frames, motion, kept, h, ratio):
         """kept : `SolverState`; h, ratio : as for `SoftContacts`"""
         bodies, vertices = (key[k:4:2].astype(np.intp) for k in (0, 1))
-        self.impulse, self.lasting = np.zeros((2, len(key[0])))
+        self.impulse = np.zeros((2, len(key[0])))
         if np.array_equal(key, kept.constraint):
-            self.impulse, self.lasting = ratio * kept.constraintImpulse
-            self.lasting *= math.exp(-motion.timeStep / SLEEP_SECONDS)
+            self.impulse = ratio * kept.constraintImpulse
         columns = take(motion.column, bodies)
         self.movable = indices((motion.invMass[columns] > 0.0).any(axis=0))
         self.count, self.visits, self.h = len(self.movable), 0, h
@@ -70,19 +69,21 @@ class SoftConstraints:
         isMoving = motion.invMass[self._column] > 0.0
         given = self._column.tobytes(), isMoving.tobytes()
         self.ends, self.rows, self._order, self._bodies, self._which = _paired(*given)
-        self._free, self._last = motion.inverse.copy(), np.abs(self.impulse[self.movable])
-        self._update(motion, self._last, True)
+        impulse, lasting = np.abs(self.impulse[:, self.movable])
+        self._free, self._last, self._lasting = motion.inverse.copy(), lasting, 0.0 * lasting
+        self._update(motion, lasting)
+        self._last = impulse
 
-    def _update(self, motion, impulse, isFirst=False):
+    def _update(self, motion, impulse):
         """Updates distances, bounds, Jacobians and responses for the present poses, and inertias for
         the `impulse` (K,) of a substep.
         """
         point, arm = self._points(motion.shift, motion.turn)
         self.length, d = distance_error(*point, 0.0)
         before, self._last = self._last, np.abs(impulse)
-        pull, lasting = np.minimum(before, self._last), self.lasting[self.movable]
-        if isFirst or (pull > lasting).any():
-            self.lasting[self.movable] = np.maximum(pull, lasting)
+        pull = np.minimum(before, self._last)
+        if (pull > self._lasting).any():
+            self._lasting = np.maximum(pull, self._lasting)
             self._stiffen(motion)
         d = np.concatenate((d, -d), axis=1)
         rCrossD = cross(arm, d)
@@ -111,17 +112,19 @@ class SoftConstraints:
     def _stiffen(self, motion):
         """Adds to the masses and inertias of light bodies that strong pulls would move too fast.
 
-        A pull P along the length L is a spring of the stiffness P/L across it, and at the arm r a
-        torsion spring of P r. With the mass P h²/L and the inertia P r h², bodies swing by one
+        A pull P along the length L is a spring of the stiffness k = P/L across it, and at the arm r
+        a torsion spring of (P + k r) r. With such masses, k h², and inertias, bodies swing by one
         radian in a substep, which is stable (Andrews, Teichmann, Kövecses: Geometric Stiffness for
-        Real-time Constrained Multibody Dynamics. Computer Graphics Forum, 2017). Masses that follow
-        each change of a pull would drive the swing: the largest one counts that has lasted for two
-        substeps, unlike a blow's, and fades in SLEEP_SECONDS.
+        Real-time Constrained Multibody Dynamics. Computer Graphics Forum, 2017). Masses that fall
+        again with the pull would drive the swing: the largest one counts that has ever lasted for
+        two substeps, unlike a blow's.
         """
-        pull, reach = self.h * self.lasting[self.movable], self._reach
+        self.impulse[1, self.movable], r = self._lasting, self._reach
+        pull = self.h * self._lasting
+        spring = pull / np.maximum(self.length, r)
         across, turning = (
             np.bincount(self._column, x.ravel(), len(motion.invMass))
-            for x in (pull / np.maximum(self.length, reach), pull * reach)
+            for x in (spring, (pull + spring * r) * r)
         )
         mass, inertia = self._free[0], self._free[1:].reshape(3, 3, -1)
         motion.invMass[:] = np.minimum(mass, 1.0 / np.maximum(across, TINY))
@@ -136,7 +139,7 @@ class SoftConstraints:
         if self.count == 0:
             return self.columns
         lever = np.maximum(self.length, self._reach.max(axis=0))
-        return self.columns[:, ~self.isSlack & (np.abs(self.C) > SOFTNESS * lever)]
+        return self.columns[:, ~self.isSlack & (np.abs(self.C) > SOFTNESS**2 * lever)]
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
@@ -151,8 +154,8 @@ class SoftConstraints:
         excess = size * size - bound * bound
         root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
         change = excess / np.maximum(np.maximum(root, size), TINY)
-        impulse = self._solve(motion, impulse, change / h, self.impulse[self.movable] != 0.0)
-        self.impulse[self.movable] = impulse
+        impulse = self._solve(motion, impulse, change / h, self.impulse[0, self.movable] != 0.0)
+        self.impulse[0, self.movable] = impulse
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
         isOff = ~self.isSlack & (np.abs(self.C) > TOLERANCE * self.length)
         pushed = self._changes(motion, self._answer(isOff, speed, SOFTNESS))
@@ -162,10 +165,10 @@ class SoftConstraints:
     def relax(self, motion, pushed):
         """Drops the pseudo-velocity of `pull`, and stops what still violates the bounds."""
         motion.velocity -= pushed
-        impulse = self.impulse[self.movable]
+        impulse = self.impulse[0, self.movable]
         self._update(motion, impulse)
         error = self._speeds(motion.rates()) + self.gap / self.h
-        self.impulse[self.movable] = self._solve(motion, impulse, error, impulse != 0.0)
+        self.impulse[0, self.movable] = self._solve(motion, impulse, error, impulse != 0.0)
 
     def _solve(self, motion, old, error, isActive):
         """Changes velocities so that no speed exceeds its bound; returns the impulses (K,).
@@ -186,7 +189,7 @@ class SoftConstraints:
                 speed = error + self.scale * self._speeds(self._changes(motion, known))
             change = known + self._answer(isActive, speed, ROUNDING)
             wanted = np.clip(old + change, self.lowest, self.highest)
-            isWrong, velocity = wanted != old + change, self._changes(motion, change)
+            isWrong, velocity = np.abs(wanted - old - change) > least, self._changes(motion, change)
             left = np.clip(
                 -error - self.scale * self._speeds(velocity), self.lowest, self.highest
             )

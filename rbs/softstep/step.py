@@ -81,8 +81,7 @@ def soft_step(step):
         sleep = sleep.woken(sleep.put_back(bodies, motion, isTried))
         kept.manifolds = contacts.store(manifolds, np.append(sleep.isAsleep | bodies.isFixed, True))
         check_numbers(snapshot_of(bodies.state), step.meshes, "contacts and constraints")
-        kept.constraint = constraints
-        kept.constraintImpulse = np.stack((distances.impulse, distances.lasting))
+        kept.constraint, kept.constraintImpulse = constraints, distances.impulse
         kept.sleep = sleep.settled(step, frames, motion)
         kept.rest = None
         bodies.write_back()
@@ -194,7 +193,7 @@ class SolverState:
     substep : length of a substep in s, 0 before the first step. A change wakes all bodies
     removed : indices of bodies that have been removed since the last step, in this order
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
-    constraintImpulse : (2, R), of a substep, and the largest that has lasted, see `SoftConstraints`
+    constraintImpulse : (2, R), see `SoftConstraints`
     rest : `StillContacts` while no body moves, or None
     """
 
