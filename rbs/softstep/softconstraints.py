@@ -22,7 +22,7 @@ from rbs.stepping.kernels import distance_error
 # Softness of pushes, as a fraction of each constraint's own response: where infeasible ones push
 # against each other, bodies move across them by the error over the softness. With less, they
 # tremble; with more, the heavy end of a chain is drawn up more slowly, and the chain gives way. A
-# substep leaves this part of a feasible error; what two would not leave of the distance is infeasible.
+# substep leaves this part of a feasible error; what is left after two counts as infeasible.
 SOFTNESS = 0.1
 
 
@@ -36,13 +36,13 @@ class SoftConstraints:
     An impulse λ along d on the first body, and against it on the second, enforces the bounds. It
     pulls, λ ≤ 0, at the upper bound and pushes, λ ≥ 0, at the lower one, whichever is nearer or
     more violated. If no distance is between them, λ may have either sign. Impulses λ change the
-    speeds by A λ = J M⁻¹ Jᵀ λ. Impulses and speeds are scaled so that A is 1 on its diagonal.
+    speeds by A λ = J M⁻¹ Jᵀ λ. J is scaled so that A is 1 on its diagonal.
 
     key : (6, R), body, vertex, body, vertex, lower, upper
     impulse : (2, R), of a substep, and the greatest that has lasted for two
     movable : (K,), those that can move; all that follows is of these
-    visits : number of impulses that all solutions of the step have solved for
-    columns : (2, K), of `Motion`; scale : (K,), by which scaled impulses are multiplied
+    visits : number of rows of all systems of equations that the step has factored
+    columns : (2, K), of `Motion`; scale : (K,), of J, and by which scaled impulses are multiplied
     ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the constraints that have them
     """
 
@@ -75,25 +75,25 @@ class SoftConstraints:
         self._last = impulse
 
     def _update(self, motion, impulse):
-        """Updates distances, bounds, Jacobians and responses for the present poses, and inertias for
-        the `impulse` (K,) of a substep.
+        """Updates distances, bounds, J, and responses for the present poses, and inertias for the
+        `impulse` (K,) of a substep.
         """
         point, arm = self._points(motion.shift, motion.turn)
-        self.length, d = distance_error(*point, 0.0)
+        self.length, self._axis = distance_error(*point, 0.0)
         before, self._last = self._last, np.abs(impulse)
         pull = np.minimum(before, self._last)
         if (pull > self._lasting).any():
             self._lasting = np.maximum(pull, self._lasting)
             self._stiffen(motion)
-        d = np.concatenate((d, -d), axis=1)
+        d = np.concatenate((self._axis, -self._axis), axis=1)
         rCrossD = cross(arm, d)
         angular = mat_vec(take(motion.invInertia, self._column, axis=1), rCrossD)
         self.J = np.concatenate((d, rCrossD))
         self.MJ = np.concatenate((take(motion.invMass, self._column) * d, angular))
-        (i, j), (p, q) = self.rows, self.ends
-        A = np.add.reduce(take(self.J, p, 1) * take(self.MJ, q, 1))
-        self.scale = 1.0 / np.sqrt(np.bincount(i[i == j], A[i == j], self.count))
-        self.A = A * take(self.scale, i) * take(self.scale, j)
+        diagonal = np.add.reduce(self.J * self.MJ).reshape(2, -1).sum(axis=0)
+        self.scale = 1.0 / np.sqrt(diagonal)
+        self.J, self.MJ = (x * np.tile(self.scale, 2) for x in (self.J, self.MJ))
+        self.A = np.add.reduce(take(self.J, self.ends[0], 1) * take(self.MJ, self.ends[1], 1))
         self._factors = {}
         isUpper = self.length - self.upper >= self.lower - self.length
         self.C = self.length - np.where(isUpper, self.upper, self.lower)
@@ -146,15 +146,15 @@ class SoftConstraints:
         force in the middle of the substep, which also keeps points on the circles on which they
         turn. Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
         """
-        v, h, impulse = motion.rates(), self.h, np.zeros(self.count)
+        v, h, isNear = motion.rates(), self.h, self.impulse[0, self.movable] != 0.0
         (first, second), _ = self._points(motion.shift + h * v[:3], motion.turn + h * v[3:])
         # on the way along the direction d at the start, to the circle of the bound
         way, bound = first - second, self.length - self.gap
-        size, along = norm(way), dot(self.J[:3, : self.count], way)
+        size, along = norm(way), dot(self._axis, way)
         excess = size * size - bound * bound
         root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
-        change = excess / np.maximum(np.maximum(root, size), TINY)
-        impulse = self._solve(motion, impulse, change / h, self.impulse[0, self.movable] != 0.0)
+        error = excess / (h * np.maximum(np.maximum(root, size), TINY))
+        impulse = self._solve(motion, np.zeros(self.count), self.scale * error, isNear)
         self.impulse[0, self.movable] = impulse
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
         isOff = ~self.isSlack & (np.abs(self.C) > TOLERANCE * self.length)
@@ -167,32 +167,31 @@ class SoftConstraints:
         motion.velocity -= pushed
         impulse = self.impulse[0, self.movable]
         self._update(motion, impulse)
-        error = self._speeds(motion.rates()) + self.gap / self.h
+        error = self._speeds(motion.rates()) + self.scale * self.gap / self.h
         self.impulse[0, self.movable] = self._solve(motion, impulse, error, impulse != 0.0)
 
     def _solve(self, motion, old, error, isActive):
         """Changes velocities so that no speed exceeds its bound; returns the impulses (K,).
 
-        old : (K,), impulses so far; error : (K,), by how much speeds exceed their bounds
+        old : (K,), impulses so far; error : (K,), by how much scaled speeds exceed their bounds
         isActive : (K,), constraints that are tried first
 
         Active constraints are equations. Those whose impulse would have the wrong sign leave, and
         those whose bound would be exceeded join in, until there are none.
         """
-        old, error = old / self.scale, error * self.scale
+        old = old / self.scale
         least = TOLERANCE * np.abs(error).max()
         isActive = isActive | self.isRigid | (np.clip(-error, self.lowest, self.highest) != 0.0)
-        error += ROUNDING * old  # of several solutions, about the least
+        error = error + ROUNDING * old  # of several solutions, about the least
         for _ in range(SWEEPS):
             known, speed = np.where(isActive, 0.0, -old), error
             if known.any():
-                speed = error + self.scale * self._speeds(self._changes(motion, known))
+                speed = error + self._speeds(self._changes(motion, known))
             change = known + self._answer(isActive, speed, ROUNDING)
+            velocity = self._changes(motion, change)
             wanted = np.clip(old + change, self.lowest, self.highest)
-            isWrong, velocity = np.abs(wanted - old - change) > least, self._changes(motion, change)
-            left = np.clip(
-                -error - self.scale * self._speeds(velocity), self.lowest, self.highest
-            )
+            left = np.clip(-error - self._speeds(velocity), self.lowest, self.highest)
+            isWrong = np.abs(wanted - old - change) > least
             isMissing = ~isActive & (np.abs(left) > least)
             if not (isWrong | isMissing).any():
                 break
@@ -201,7 +200,7 @@ class SoftConstraints:
         return wanted * self.scale
 
     def _answer(self, isActive, speed, softness):
-        """Scaled impulses (K,) of active ones that stop the speeds (K,): (A + softness) λ = -u"""
+        """Scaled impulses (K,) of active rows that stop speeds u (K,): (A + softness) λ = -u"""
         order = self._order[isActive[self._order]]
         answer, count = np.zeros(self.count), len(order)
         if count == 0:
@@ -214,7 +213,7 @@ class SoftConstraints:
             i, j = place[take(self.rows, some, 1)]
             width, place, info = int((i - j).max()) + 1, (i - j) * count + j, 1
             band = np.bincount(place, self.A[some], width * count).reshape(width, count)
-            while info and softness < np.inf:  # not 0 if A is indefinite by rounding, as of a needle
+            while info and softness < np.inf:  # indefinite by rounding, as of a needle
                 band[0] += softness
                 self._factors[key], info = dpbtrf(band, lower=True)
                 softness *= 10.0
@@ -223,13 +222,13 @@ class SoftConstraints:
         return answer
 
     def _speeds(self, velocity):
-        """Speeds (K,) at which distances change, with velocities (6, m + 1): J v"""
+        """Scaled speeds (K,) at which distances change, with velocities (6, m + 1): J v"""
         parts = self.J * take(velocity, self._column, 1)
         return parts.reshape(6, 2, -1).sum(axis=(0, 1))
 
     def _changes(self, motion, impulse):
         """Changes (6, m + 1) of velocities by scaled impulses (K,): M⁻¹ Jᵀ λ"""
-        change, count = self.MJ * np.tile(impulse * self.scale, 2), len(motion.invMass)
+        change, count = self.MJ * np.tile(impulse, 2), len(motion.invMass)
         places = self._column + count * np.arange(6)[:, None]
         return np.bincount(places.ravel(), change.ravel(), 6 * count).reshape(6, count)
 

@@ -465,6 +465,18 @@ def swinging(engine, count, ratio, degrees):
     return track[-1] / before, track.max() / before
 
 
+def spinning(engine, count, ratio, speed):
+    """Energy that a chain with a heavy end, which turns freely about its centre, has left."""
+    links, ties = beads(count, ratio, 90.0)
+    links[0].isFixed = False
+    centre = np.average([m.position[0] for m in links], axis=0, weights=[m.mass for m in links])
+    for mesh in links:
+        throw(mesh, np.cross((0, 0, speed), mesh.position[0] - centre), (0, 0, speed))
+    before, settings = kinetic(links), FREE | {"sleeping": False, "linkedBodiesCollide": False}
+    run(engine, links, 2.0, constraints=ties, **settings)
+    return kinetic(links) / before
+
+
 def overstretched(engine, count, factor):
     """Speed of a chain between anchors that are too far apart by a factor, after 4 s."""
     links, ties = beads(count, 1.0, 90.0)
