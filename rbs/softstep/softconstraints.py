@@ -146,8 +146,8 @@ class SoftConstraints:
         force in the middle of the substep, which also keeps points on the circles on which they
         turn. Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
         """
-        v, h, isNear = motion.rates(), self.h, self.impulse[0, self.movable] != 0.0
-        (first, second), _ = self._points(motion.shift + h * v[:3], motion.turn + h * v[3:])
+        h, isNear = self.h, self.impulse[0, self.movable] != 0.0
+        (first, second), _ = self._points(*np.split(motion.after(h), 2))
         # on the way along the direction d at the start, to the circle of the bound
         way, bound = first - second, self.length - self.gap
         size, along = norm(way), dot(self._axis, way)

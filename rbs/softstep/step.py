@@ -24,7 +24,7 @@ substeps are longer than the last one's.
 
 import numpy as np
 
-from rbs.geometry.vectors import indices, take
+from rbs.geometry.vectors import cross, indices, take
 from rbs.softstep.contacts import SoftContacts, StillContacts
 from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
@@ -101,10 +101,12 @@ def _make_substep(motion, contacts, distances, h):
         contacts.apply(motion)
         pushed = distances.pull(motion)
     unsolved = contacts.soft_sweep(motion)
-    motion.integrate(h)
     if distances.count:
+        motion.displacement[:] = motion.after(h)
         distances.relax(motion, pushed)
         contacts.measure(motion)
+    else:
+        motion.integrate(h)
     contacts.relax(motion, unsolved)
 
 
@@ -117,7 +119,8 @@ class Motion:
     moving : (m,), these bodies; the ground is body n; bodies : without it
     column : (n + 1,), of each body and of the ground
     velocity, begin : (6, m + 1), linear and angular, and at the start
-    shift, turn : (3, m + 1), sums of v h and of ω h, so that orientations become exp(turn/2) ∘ q
+    shift, turn : (3, m + 1), sums of v h and of ω h, so that orientations become exp(turn/2) ∘ q,
+        see also `after`; displacement : (6, m + 1), both
     invMass : (m + 1,); invInertia : (9, m + 1); inverse : (10, m + 1), both
     inertia : (9, m), to which constraints add none, see `SoftConstraints`
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
@@ -156,6 +159,17 @@ class Motion:
         if self.drift is None:
             return self.velocity
         return np.concatenate((self.velocity[:3], self.velocity[3:] + self.drift))
+
+    def after(self, h):
+        """Displacements (6, m + 1) after h seconds with the present velocities.
+
+        What constraints pull turns about other axes in each substep, so that rotation vectors do
+        not add up: θ' = ω - θ × ω/2 + θ × (θ × ω)/12 - …, see `torque_free_velocities`.
+        """
+        change = h * self.rates()
+        once = cross(self.turn, change[3:])
+        change[3:] += cross(self.turn, once) / 12.0 - 0.5 * once
+        return self.displacement + change
 
     def integrate(self, h):
         self.displacement += h * self.velocity
