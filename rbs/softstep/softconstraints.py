@@ -78,7 +78,7 @@ class SoftConstraints:
         """Updates distances, bounds, J, and responses for the present poses, and inertias for the
         `impulse` (K,) of a substep.
         """
-        point, arm = self._points(motion.shift, motion.turn)
+        point, self._arm = self._points(motion.shift, motion.turn, self._arms)
         self.length, self._axis = distance_error(*point, 0.0)
         before, self._last = self._last, np.abs(impulse)
         pull = np.minimum(before, self._last)
@@ -86,7 +86,7 @@ class SoftConstraints:
             self._lasting = np.maximum(pull, self._lasting)
             self._stiffen(motion)
         d = np.concatenate((self._axis, -self._axis), axis=1)
-        rCrossD = cross(arm, d)
+        rCrossD = cross(self._arm, d)
         angular = mat_vec(take(motion.invInertia, self._column, axis=1), rCrossD)
         self.J = np.concatenate((d, rCrossD))
         self.MJ = np.concatenate((take(motion.invMass, self._column) * d, angular))
@@ -102,10 +102,12 @@ class SoftConstraints:
         self.lowest = np.where(isUpper | self.isRigid, -np.inf, 0.0)
         self.highest = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
 
-    def _points(self, shift, turn):
-        """`((3, K), (3, K))`, both points after displacements of the bodies, and (3, 2 K), arms."""
+    def _points(self, shift, turn, arms):
+        """`((3, K), (3, K))`, both points after displacements of the bodies, and arms (3, 2 K) that
+        have turned.
+        """
         rotation = np.stack(turn_matrix(take(turn, self._bodies, axis=1)))
-        arm = mat_vec(take(rotation, self._which, axis=1), self._arms)
+        arm = mat_vec(take(rotation, self._which, axis=1), arms)
         point = self._centres + take(shift, self._column, axis=1) + arm
         return (point[:, : self.count], point[:, self.count :]), arm
 
@@ -146,8 +148,8 @@ class SoftConstraints:
         force in the middle of the substep, which also keeps points on the circles on which they
         turn. Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
         """
-        h, isNear = self.h, self.impulse[0, self.movable] != 0.0
-        (first, second), _ = self._points(*np.split(motion.after(h), 2))
+        v, h, isNear = motion.rates(), self.h, self.impulse[0, self.movable] != 0.0
+        (first, second), _ = self._points(motion.shift + h * v[:3], h * v[3:], self._arm)
         # on the way along the direction d at the start, to the circle of the bound
         way, bound = first - second, self.length - self.gap
         size, along = norm(way), dot(self._axis, way)
@@ -190,9 +192,10 @@ class SoftConstraints:
             change = known + self._answer(isActive, speed, ROUNDING)
             velocity = self._changes(motion, change)
             wanted = np.clip(old + change, self.lowest, self.highest)
-            left = np.clip(-error - self._speeds(velocity), self.lowest, self.highest)
-            isWrong = np.abs(wanted - old - change) > least
-            isMissing = ~isActive & (np.abs(left) > least)
+            isWrong, isMissing = np.abs(wanted - old - change) > least, ~isActive
+            if isMissing.any():
+                left = np.clip(-error - self._speeds(velocity), self.lowest, self.highest)
+                isMissing &= np.abs(left) > least
             if not (isWrong | isMissing).any():
                 break
             isActive = (isActive & ~isWrong) | isMissing

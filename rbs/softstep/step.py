@@ -168,7 +168,7 @@ class Motion:
         """
         change = h * self.rates()
         once = cross(self.turn, change[3:])
-        change[3:] += cross(self.turn, once) / 12.0 - 0.5 * once
+        change[3:] -= 0.5 * once - cross(self.turn, once) / 12.0
         return self.displacement + change
 
     def integrate(self, h):
