@@ -8,21 +8,21 @@ then dropped, so that it adds none.
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg.lapack import dpbsv
+from scipy.linalg.lapack import dpbtrf, dpbtrs
 from scipy.sparse import csgraph, csr_array
 
-from rbs.geometry.vectors import cross, indices, mat_vec, norm, take
+from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
 from rbs.softstep.contacts import push_speeds
-from rbs.softstep.manifolds import ROUNDING
+from rbs.softstep.manifolds import ROUNDING, TINY
 from rbs.softstep.rows import SWEEPS, TOLERANCE, inverted
 from rbs.stepping.constraints import ConstraintRows
 from rbs.stepping.flight import turn_matrix
 from rbs.stepping.kernels import distance_error
 
-# Softness of pushes, as a fraction of each constraint's own response, and the error, as a fraction
-# of the distance, from which on constraints count as infeasible: where these push against each
-# other, bodies move across them by the error over the softness. With less, such bodies tremble;
-# with more, the heavy end of a chain is drawn up more slowly, and the chain gives way.
+# Softness of pushes, as a fraction of each constraint's own response: where infeasible ones push
+# against each other, bodies move across them by the error over the softness. With less, they
+# tremble; with more, the heavy end of a chain is drawn up more slowly, and the chain gives way. A
+# substep leaves this part of a feasible error; what is left after two counts as infeasible.
 SOFTNESS = 0.1
 
 
@@ -36,19 +36,20 @@ class SoftConstraints:
     An impulse λ along d on the first body, and against it on the second, enforces the bounds. It
     pulls, λ ≤ 0, at the upper bound and pushes, λ ≥ 0, at the lower one, whichever is nearer or
     more violated. If no distance is between them, λ may have either sign. Impulses λ change the
-    speeds by A λ = J M⁻¹ Jᵀ λ. Impulses and speeds are scaled so that A is 1 on its diagonal.
+    speeds by A λ = J M⁻¹ Jᵀ λ. J is scaled so that A is 1 on its diagonal.
 
-    key : (6, R), body, vertex, body, vertex, lower, upper; impulse : (R,), of a substep
+    key : (6, R), body, vertex, body, vertex, lower, upper
+    impulse : (2, R), of a substep, and the greatest that has lasted for two
     movable : (K,), those that can move; all that follows is of these
-    visits : number of impulses that all solutions of the step have solved for
-    columns : (2, K), of `Motion`; scale : (K,), by which scaled impulses are multiplied
+    visits : number of rows of all systems of equations that the step has factored
+    columns : (2, K), of `Motion`; scale : (K,), of J, and by which scaled impulses are multiplied
     ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the constraints that have them
     """
 
     def __init__(self, key, frames, motion, kept, h, ratio):
         """kept : `SolverState`; h, ratio : as for `SoftContacts`"""
         bodies, vertices = (key[k:4:2].astype(np.intp) for k in (0, 1))
-        self.impulse = np.zeros(len(key[0]))
+        self.impulse = np.zeros((2, len(key[0])))
         if np.array_equal(key, kept.constraint):
             self.impulse = ratio * kept.constraintImpulse
         columns = take(motion.column, bodies)
@@ -66,27 +67,34 @@ class SoftConstraints:
         self._reach, radius = norm(self._arms).reshape(2, -1), frames.sizes(*bodies)[1]
         self.pushSpeed = push_speeds(motion, radius)
         isMoving = motion.invMass[self._column] > 0.0
-        self.ends, self.rows, self._order = _paired(self._column.tobytes(), isMoving.tobytes())
-        self._free, self._pull = motion.invInertia.copy(), np.zeros(self.count)
-        self._last = np.abs(self.impulse[self.movable])
-        self._update(motion, self._last)
+        given = self._column.tobytes(), isMoving.tobytes()
+        self.ends, self.rows, self._order, self._bodies, self._which = _paired(*given)
+        impulse, lasting = np.abs(self.impulse[:, self.movable])
+        self._free, self._last, self._lasting = motion.inverse.copy(), lasting, 0.0 * lasting
+        self._update(motion, lasting)
+        self._last = impulse
 
     def _update(self, motion, impulse):
-        """Updates inertias for the `impulse` (K,) of a substep, see `_stiffen`, and distances,
-        bounds, Jacobians and responses for the present poses.
+        """Updates distances, bounds, J, and responses for the present poses, and inertias for the
+        `impulse` (K,) of a substep.
         """
-        self._stiffen(motion, impulse)
-        point, arm = self._points(motion.shift, motion.turn)
-        self.length, d = distance_error(*point, 0.0)
-        d = np.concatenate((d, -d), axis=1)
-        rCrossD = cross(arm, d)
+        point, self._arm = self._points(motion.shift, motion.turn, self._arms)
+        self.length, self._axis = distance_error(*point, 0.0)
+        before, self._last = self._last, np.abs(impulse)
+        pull = np.minimum(before, self._last)
+        if (pull > self._lasting).any():
+            self._lasting = np.maximum(pull, self._lasting)
+            self._stiffen(motion)
+        d = np.concatenate((self._axis, -self._axis), axis=1)
+        rCrossD = cross(self._arm, d)
         angular = mat_vec(take(motion.invInertia, self._column, axis=1), rCrossD)
         self.J = np.concatenate((d, rCrossD))
         self.MJ = np.concatenate((take(motion.invMass, self._column) * d, angular))
-        (i, j), (p, q) = self.rows, self.ends
-        A = np.add.reduce(take(self.J, p, 1) * take(self.MJ, q, 1))
-        self.scale = 1.0 / np.sqrt(np.bincount(i[i == j], A[i == j], self.count))
-        self.A = A * take(self.scale, i) * take(self.scale, j)
+        diagonal = np.add.reduce(self.J * self.MJ).reshape(2, -1).sum(axis=0)
+        self.scale = 1.0 / np.sqrt(diagonal)
+        self.J, self.MJ = (x * np.tile(self.scale, 2) for x in (self.J, self.MJ))
+        self.A = np.add.reduce(take(self.J, self.ends[0], 1) * take(self.MJ, self.ends[1], 1))
+        self._factors = {}
         isUpper = self.length - self.upper >= self.lower - self.length
         self.C = self.length - np.where(isUpper, self.upper, self.lower)
         self.isSlack = np.where(isUpper, self.C < 0.0, self.C > 0.0) & ~self.isRigid
@@ -94,48 +102,62 @@ class SoftConstraints:
         self.lowest = np.where(isUpper | self.isRigid, -np.inf, 0.0)
         self.highest = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
 
-    def _points(self, shift, turn):
-        """`((3, K), (3, K))`, both points after displacements of the bodies, and (3, 2 K), arms."""
-        arm = mat_vec(np.stack(turn_matrix(take(turn, self._column, axis=1))), self._arms)
+    def _points(self, shift, turn, arms):
+        """`((3, K), (3, K))`, both points after displacements of the bodies, and arms (3, 2 K) that
+        have turned.
+        """
+        rotation = np.stack(turn_matrix(take(turn, self._bodies, axis=1)))
+        arm = mat_vec(take(rotation, self._which, axis=1), arms)
         point = self._centres + take(shift, self._column, axis=1) + arm
         return (point[:, : self.count], point[:, self.count :]), arm
 
-    def _stiffen(self, motion, impulse):
-        """Adds to the inertia of light bodies that strong pulls would turn to and fro too fast.
+    def _stiffen(self, motion):
+        """Adds to the masses and inertias of light bodies that strong pulls would move too fast.
 
-        A pull P at the arm r is a torsion spring of the stiffness P r. With the inertia P r h², the
-        body swings by one radian in a substep, which is stable (Andrews, Teichmann, Kövecses:
-        Geometric Stiffness for Real-time Constrained Multibody Dynamics. Computer Graphics Forum,
-        2017). The largest pull of the step counts that lasts for two substeps, unlike a blow's.
+        A pull P along the length L is a spring of the stiffness k = P/L across it, and at the arm r
+        a torsion spring of (P + k r) r. With such masses, k h², and inertias, bodies swing by one
+        radian in a substep, which is stable (Andrews, Teichmann, Kövecses: Geometric Stiffness for
+        Real-time Constrained Multibody Dynamics. Computer Graphics Forum, 2017). Masses that fall
+        again with the pull would drive the swing: the largest one counts that has ever lasted for
+        two substeps, unlike a blow's.
         """
-        before, self._last = self._last, np.abs(impulse)
-        self._pull = np.maximum(self._pull, np.minimum(self._last, before))
-        pull = self._pull * self.h * self._reach
-        swing = np.bincount(self._column, pull.ravel(), len(motion.invMass))
-        inverse = self._free.reshape(3, 3, -1)
-        some = indices(swing * inverse.trace() > 1.0)
+        self.impulse[1, self.movable], r = self._lasting, self._reach
+        pull = self.h * self._lasting
+        spring = pull / np.maximum(self.length, r)
+        across, turning = (
+            np.bincount(self._column, x.ravel(), len(motion.invMass))
+            for x in (spring, (pull + spring * r) * r)
+        )
+        mass, inertia = self._free[0], self._free[1:].reshape(3, 3, -1)
+        motion.invMass[:] = np.minimum(mass, 1.0 / np.maximum(across, TINY))
+        some = indices(turning * inertia.trace() > 1.0)
         if len(some):
-            inverse = inverse[..., some]
-            more = np.eye(3)[..., None] * (swing[some] - 1.0 / inverse.trace())
-            motion.invInertia[:, some] = inverted(inverted(inverse) + more).reshape(9, -1)
+            inertia = inertia[..., some]
+            more = np.eye(3)[..., None] * (turning[some] - 1.0 / inertia.trace())
+            motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
     def infeasible(self):
         """Columns of `Motion` (2, I) that infeasible constraints join, see SOFTNESS."""
         if self.count == 0:
             return self.columns
         lever = np.maximum(self.length, self._reach.max(axis=0))
-        return self.columns[:, ~self.isSlack & (np.abs(self.C) > SOFTNESS * lever)]
+        return self.columns[:, ~self.isSlack & (np.abs(self.C) > SOFTNESS**2 * lever)]
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
         force in the middle of the substep, which also keeps points on the circles on which they
         turn. Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
         """
-        v, h, isNear = motion.rates(), self.h, self.impulse[self.movable] != 0.0
-        (first, second), _ = self._points(motion.shift + h * v[:3], motion.turn + h * v[3:])
-        change = norm(first - second) - self.length + self.gap
-        impulse = self._solve(motion, np.zeros(self.count), change / h, isNear)
-        self.impulse[self.movable] = impulse
+        v, h, isNear = motion.rates(), self.h, self.impulse[0, self.movable] != 0.0
+        (first, second), _ = self._points(motion.shift + h * v[:3], h * v[3:], self._arm)
+        # on the way along the direction d at the start, to the circle of the bound
+        way, bound = first - second, self.length - self.gap
+        size, along = norm(way), dot(self._axis, way)
+        excess = size * size - bound * bound
+        root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
+        error = excess / (h * np.maximum(np.maximum(root, size), TINY))
+        impulse = self._solve(motion, np.zeros(self.count), self.scale * error, isNear)
+        self.impulse[0, self.movable] = impulse
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
         isOff = ~self.isSlack & (np.abs(self.C) > TOLERANCE * self.length)
         pushed = self._changes(motion, self._answer(isOff, speed, SOFTNESS))
@@ -145,85 +167,92 @@ class SoftConstraints:
     def relax(self, motion, pushed):
         """Drops the pseudo-velocity of `pull`, and stops what still violates the bounds."""
         motion.velocity -= pushed
-        impulse = self.impulse[self.movable]
+        impulse = self.impulse[0, self.movable]
         self._update(motion, impulse)
-        speeds = self.J * take(motion.rates(), self._column, 1)
-        error = speeds.reshape(6, 2, -1).sum(axis=(0, 1)) + self.gap / self.h
-        self.impulse[self.movable] = self._solve(motion, impulse, error, impulse != 0.0)
+        error = self._speeds(motion.rates()) + self.scale * self.gap / self.h
+        self.impulse[0, self.movable] = self._solve(motion, impulse, error, impulse != 0.0)
 
     def _solve(self, motion, old, error, isActive):
         """Changes velocities so that no speed exceeds its bound; returns the impulses (K,).
 
-        old : (K,), impulses so far; error : (K,), by how much speeds exceed their bounds
+        old : (K,), impulses so far; error : (K,), by how much scaled speeds exceed their bounds
         isActive : (K,), constraints that are tried first
 
         Active constraints are equations. Those whose impulse would have the wrong sign leave, and
         those whose bound would be exceeded join in, until there are none.
         """
-        old, error = old / self.scale, error * self.scale
+        old = old / self.scale
         least = TOLERANCE * np.abs(error).max()
         isActive = isActive | self.isRigid | (np.clip(-error, self.lowest, self.highest) != 0.0)
-        error += ROUNDING * old  # of several solutions, about the least
+        error = error + ROUNDING * old  # of several solutions, about the least
         for _ in range(SWEEPS):
-            known = np.where(isActive, 0.0, -old)
-            change = known + self._answer(isActive, error + self._response(known), ROUNDING)
+            known, speed = np.where(isActive, 0.0, -old), error
+            if known.any():
+                speed = error + self._speeds(self._changes(motion, known))
+            change = known + self._answer(isActive, speed, ROUNDING)
+            velocity = self._changes(motion, change)
             wanted = np.clip(old + change, self.lowest, self.highest)
-            left = np.clip(-error - self._response(change), self.lowest, self.highest)
-            isWrong, isMissing = wanted != old + change, ~isActive & (np.abs(left) > least)
+            isWrong, isMissing = np.abs(wanted - old - change) > least, ~isActive
+            if isMissing.any():
+                left = np.clip(-error - self._speeds(velocity), self.lowest, self.highest)
+                isMissing &= np.abs(left) > least
             if not (isWrong | isMissing).any():
                 break
             isActive = (isActive & ~isWrong) | isMissing
-        motion.velocity += self._changes(motion, wanted - old)
+        motion.velocity += self._changes(motion, wanted - old) if isWrong.any() else velocity
         return wanted * self.scale
 
     def _answer(self, isActive, speed, softness):
-        """Scaled impulses (K,) of active ones that stop the speeds (K,): (A + softness) λ = -u"""
+        """Scaled impulses (K,) of active rows that stop speeds u (K,): (A + softness) λ = -u"""
         order = self._order[isActive[self._order]]
         answer, count = np.zeros(self.count), len(order)
         if count == 0:
             return answer
-        place = np.empty(self.count, dtype=np.intp)
-        place[order] = np.arange(count)
-        some = indices(isActive[self.rows].all(axis=0))
-        i, j = place[take(self.rows, some, 1)]
-        width = int((i - j).max()) + 1
-        band = np.bincount((i - j) * count + j, self.A[some], width * count).reshape(width, count)
-        info = 1
-        while info and softness < np.inf:  # not 0 if A is indefinite by rounding, as of a needle
-            band[0] += softness
-            _, answer[order], info = dpbsv(band, -speed[order], lower=True)
-            softness *= 10.0
-        self.visits += count
+        key = isActive.tobytes(), softness
+        if key not in self._factors:
+            place = np.empty(self.count, dtype=np.intp)
+            place[order] = np.arange(count)
+            some = indices(isActive[self.rows].all(axis=0))
+            i, j = place[take(self.rows, some, 1)]
+            width, place, info = int((i - j).max()) + 1, (i - j) * count + j, 1
+            band = np.bincount(place, self.A[some], width * count).reshape(width, count)
+            while info and softness < np.inf:  # indefinite by rounding, as of a needle
+                band[0] += softness
+                self._factors[key], info = dpbtrf(band, lower=True)
+                softness *= 10.0
+            self.visits += count
+        answer[order], _ = dpbtrs(self._factors[key], -speed[order], lower=True)
         return answer
 
-    def _response(self, impulse):
-        """Scaled speeds (K,) that scaled impulses (K,) add: A λ"""
-        i, j = self.rows
-        speed = np.bincount(i, self.A * impulse[j], self.count)
-        return speed + np.bincount(j, self.A * impulse[i], self.count) - impulse
+    def _speeds(self, velocity):
+        """Scaled speeds (K,) at which distances change, with velocities (6, m + 1): J v"""
+        parts = self.J * take(velocity, self._column, 1)
+        return parts.reshape(6, 2, -1).sum(axis=(0, 1))
 
     def _changes(self, motion, impulse):
         """Changes (6, m + 1) of velocities by scaled impulses (K,): M⁻¹ Jᵀ λ"""
-        change, count = self.MJ * np.tile(impulse * self.scale, 2), len(motion.invMass)
+        change, count = self.MJ * np.tile(impulse, 2), len(motion.invMass)
         places = self._column + count * np.arange(6)[:, None]
         return np.bincount(places.ravel(), change.ravel(), 6 * count).reshape(6, count)
 
 
 @lru_cache(maxsize=8)
 def _paired(columns, isMoving):
-    """`(ends, rows, order)`: those of `SoftConstraints`, and an order (K,) in which constraints are
-    near each other that share a body. From the bytes of the columns of all ends, and which move.
+    """`(ends, rows, order, bodies, which)`: those of `SoftConstraints`, an order (K,) in which
+    constraints are near each other that share a body, the bodies, and which each end (2 K,) is on.
+    From the bytes of the columns of all ends, and which move.
     """
     columns, isMoving = np.frombuffer(columns, np.intp), np.frombuffer(isMoving, bool)
     count, end = len(columns) // 2, indices(isMoving)
-    body = csr_array((np.ones(len(end)), (end, columns[end])), (2 * count, columns.max() + 1))
+    bodies, which = np.unique(columns, return_inverse=True)
+    body = csr_array((np.ones(len(end)), (end, which[end])), (2 * count, len(bodies)))
     ends = np.array((body @ body.T).nonzero()).astype(np.intp)
     rows = ends % count
     shared = csr_array((np.ones(len(rows[0])), tuple(rows)), (count, count))
     order = csgraph.reverse_cuthill_mckee(shared, True)
     place = order.argsort()[rows]
     some = indices(place[0] >= place[1])
-    return take(ends, some, 1), take(rows, some, 1), order
+    return take(ends, some, 1), take(rows, some, 1), order, bodies, which
 
 
 def changed_ends(key, before):

@@ -24,7 +24,7 @@ substeps are longer than the last one's.
 
 import numpy as np
 
-from rbs.geometry.vectors import indices, take
+from rbs.geometry.vectors import cross, indices, take
 from rbs.softstep.contacts import SoftContacts, StillContacts
 from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
@@ -101,10 +101,12 @@ def _make_substep(motion, contacts, distances, h):
         contacts.apply(motion)
         pushed = distances.pull(motion)
     unsolved = contacts.soft_sweep(motion)
-    motion.integrate(h)
     if distances.count:
+        motion.displacement[:] = motion.after(h)
         distances.relax(motion, pushed)
         contacts.measure(motion)
+    else:
+        motion.integrate(h)
     contacts.relax(motion, unsolved)
 
 
@@ -117,7 +119,8 @@ class Motion:
     moving : (m,), these bodies; the ground is body n; bodies : without it
     column : (n + 1,), of each body and of the ground
     velocity, begin : (6, m + 1), linear and angular, and at the start
-    shift, turn : (3, m + 1), sums of v h and of ω h, so that orientations become exp(turn/2) ∘ q
+    shift, turn : (3, m + 1), sums of v h and of ω h, so that orientations become exp(turn/2) ∘ q,
+        see also `after`; displacement : (6, m + 1), both
     invMass : (m + 1,); invInertia : (9, m + 1); inverse : (10, m + 1), both
     inertia : (9, m), to which constraints add none, see `SoftConstraints`
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
@@ -157,6 +160,17 @@ class Motion:
             return self.velocity
         return np.concatenate((self.velocity[:3], self.velocity[3:] + self.drift))
 
+    def after(self, h):
+        """Displacements (6, m + 1) after h seconds with the present velocities.
+
+        What constraints pull turns about other axes in each substep, so that rotation vectors do
+        not add up: θ' = ω - θ × ω/2 + θ × (θ × ω)/12 - …, see `torque_free_velocities`.
+        """
+        change = h * self.rates()
+        once = cross(self.turn, change[3:])
+        change[3:] -= 0.5 * once - cross(self.turn, once) / 12.0
+        return self.displacement + change
+
     def integrate(self, h):
         self.displacement += h * self.velocity
         if self.drift is not None:
@@ -193,7 +207,7 @@ class SolverState:
     substep : length of a substep in s, 0 before the first step. A change wakes all bodies
     removed : indices of bodies that have been removed since the last step, in this order
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
-    constraintImpulse : (R,), as in `Manifolds`
+    constraintImpulse : (2, R), see `SoftConstraints`
     rest : `StillContacts` while no body moves, or None
     """
 
@@ -205,7 +219,7 @@ class SolverState:
         self.count, self.manifolds, self.sleep = None, NO_MANIFOLDS, None
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
         self.constraint, self.surroundings = np.zeros((6, 0)), np.zeros(0)
-        self.constraintImpulse = np.zeros(0)
+        self.constraintImpulse = np.zeros((2, 0))
         self.substep, self.removed, self.rest = 0.0, (), None
 
     def begun(self, bodies):

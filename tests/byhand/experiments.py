@@ -470,6 +470,40 @@ def swinging(engine, count, ratio, degrees):
     return track[-1] / before, track.max() / before
 
 
+def spinning(engine, links, ties, speed, seconds, **settings):
+    """Energy and angular momentum that linked cubes or octahedra of one mass, which turn freely
+    about their centre, have left.
+    """
+    links[0].isFixed = False
+    centre = np.mean([mesh.position[0] for mesh in links], axis=0)
+    for mesh in links:
+        throw(mesh, np.cross((0, 0, speed), mesh.position[0] - centre), (0, 0, speed))
+
+    def state():
+        turns = [
+            np.cross(m.position, m.linVelocity)[0] + m.IT[0, 0] * m.angVelocity[0] for m in links
+        ]
+        return np.array([kinetic(links), np.sum(turns, axis=0)[2]])
+
+    before, settings = state(), settings | FREE | {"sleeping": False, "linkedBodiesCollide": False}
+    run(engine, links, seconds, constraints=ties, **settings)
+    return tuple(state() / before)
+
+
+def ring(count):
+    """`(meshes, constraints)` of cubes on a circle, with bars from corner to corner."""
+    angles, ties = 2 * np.pi * np.arange(count) / count, []
+    meshes = [box(1.5 * np.cos(a), 1.5 * np.sin(a), 0, (0.2, 0.2, 0.2)) for a in angles]
+    for k, (a, b) in enumerate(zip(meshes, meshes[1:] + meshes[:1], strict=True)):
+        ends = [
+            int(np.linalg.norm(m.currVertices - o.position, axis=1).argmin())
+            for m, o in ((a, b), (b, a))
+        ]
+        length = np.linalg.norm(a.currVertices[ends[0]] - b.currVertices[ends[1]])
+        ties += [[k, ends[0], (k + 1) % count, ends[1], length, upper] for upper in (True, False)]
+    return meshes, ties
+
+
 def overstretched(engine, count, factor):
     """Speed of a chain between anchors that are too far apart by a factor, after 4 s."""
     links, ties = beads(count, 1.0, 90.0)

@@ -210,15 +210,15 @@ def test_linked_bodies_do_not_press_each_other_into_the_ground(e, lifts):
 
 def test_a_body_that_is_pulled_hard_stops_at_a_wall():
     """It was at rest. The rope would pull it through the wall within a step."""
-    meshes = [box_body(0.4, 0.4, 0.4, (0, 0, 0)), box_body(0.2, 9, 9, (0.7, 0, 0), isFixed=True)]
+    meshes = [box_body(0.4, 0.4, 0.4, (0, 0, 0)), box_body(0.2, 99, 9, (0.7, 0, 0), isFixed=True)]
     meshes.append(throw(box_body(1, 1, 1, (3, 3, 0)), (30, 30, 0)))
     corner = meshes[0].currVertices.sum(axis=1).argmax()
     lengths = np.linalg.norm(meshes[2].currVertices - meshes[0].currVertices[corner], axis=1)
     state, rope = SolverState(), [[0, corner, 2, lengths.argmin(), lengths.min(), True]]
-    for _ in range(3):
+    for _ in range(5):
         simulate(meshes, 1, state, hasGround=False, mu=0.0, constraints=rope, gravity=(0, 0, 0))
         assert meshes[0].position[0, 0] < 0.45
-    assert meshes[0].position[0, 1] > 1.0
+    assert meshes[0].position[0, 1] > 6.0
 
 
 def test_bars_hold_a_body_as_thin_as_a_needle():
