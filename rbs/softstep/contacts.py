@@ -223,18 +223,17 @@ class SoftContacts(PlacedManifolds):
         isStruck = self.closing < -np.maximum(fall, self.slow)
         isStruck &= self.total[:POINTS] > 0.0
         if isStruck.any():
-            before, total = motion.velocity.copy(), self.total
+            before, total, isPart = motion.velocity.copy(), self.total, isStruck.any(axis=0)
             if CRCoeff < 1.0:
-                self.total = self._plastic(motion, isStruck)
+                self.total, isPart = self._plastic(motion, isStruck)
             if CRCoeff > 0.0:
                 velocity, motion.velocity[:] = motion.velocity.copy(), before
                 elastic = self._elastic(motion, total, isStruck, CRCoeff)
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 self.total = self.total + CRCoeff * (elastic - self.total)
-            # a hard blow more across gravity than along it is no load, and would be repeated in the
-            # next step; along it, heavy bodies that fall would press light ones into the ground
-            isHard = (isStruck & (self.closing < -self.fallSpeed)).any(axis=0)
-            some = indices(isHard & (2.0 * fall**2 <= self.fallSpeed**2))
+            # what blows add more across gravity than along it is no load, and would be repeated in
+            # the next step; along it, heavy bodies that fall would press light ones into the ground
+            some = indices(isPart & (2.0 * fall**2 <= self.fallSpeed**2))
             begun = self._grown(self.carried * (self.h / self.timeStep))
             self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
@@ -245,7 +244,8 @@ class SoftContacts(PlacedManifolds):
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck):
-        """Returns total impulses with which no point of a struck body separates that was pressed.
+        """Solves blows that do not bounce: no point of a struck body separates that was pressed.
+        Returns the total impulses, and which manifolds (M,) take part.
 
         All manifolds of struck bodies take part: others are what they are pressed against. Those
         count as struck, too, that the blow makes faster than gravity does in a substep. Points that
@@ -264,7 +264,7 @@ class SoftContacts(PlacedManifolds):
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
         hasLeft = isOpening & ~isStruck & (self.total[:POINTS] <= self.carried)
-        return self._solved(motion, self.total, isPart, bias, self.isPoint & ~hasLeft)
+        return self._solved(motion, self.total, isPart, bias, self.isPoint & ~hasLeft), isPart
 
     def _elastic(self, motion, total, bounces, CRCoeff):
         """Returns total impulses with which points separate as fast as they closed, then the points
