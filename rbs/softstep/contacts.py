@@ -148,14 +148,17 @@ class SoftContacts(PlacedManifolds):
 
     def warm_start(self):
         """Starts with the impulses of the last substep, limited by LOAD_GROWTH."""
-        self.impulse = self._grown(self.started)
+        self.impulse = self._grown(self.started, self.weight)
         self.started = self.impulse[:POINTS]
         self.pending = self.pending + self.impulse
 
-    def _grown(self, before):
-        """Impulses (7, M), if those at the points were (4, M) before, limited by LOAD_GROWTH."""
+    def _grown(self, before, least):
+        """Impulses (7, M), if those at the points were (4, M) before, limited by LOAD_GROWTH.
+
+        least : (4, M), up to which they always grow
+        """
         normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
-        grown = np.minimum(normal, np.maximum(LOAD_GROWTH * before, self.weight))
+        grown = np.minimum(normal, np.maximum(LOAD_GROWTH * before, least))
         grown[:, self.isUneven] = normal[:, self.isUneven]
         share = np.add.reduce(grown) / np.maximum(np.add.reduce(normal), TINY)
         return np.concatenate((grown, friction * share))
@@ -234,10 +237,11 @@ class SoftContacts(PlacedManifolds):
             # what blows add more across gravity than along it is no load, and would be repeated in
             # the next step; along it, heavy bodies that fall would press light ones into the ground
             some = indices(isPart & (2.0 * fall**2 <= self.fallSpeed**2))
-            begun = self._grown(self.carried * (self.h / self.timeStep))
+            loads = self.carried * (self.h / self.timeStep), self.weight * (fall / self.fallSpeed)
+            begun = self._grown(*loads)
             self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
-        some = indices((self.total[:POINTS] > 0.0).any(axis=0))
+        some = indices(self.total.any(axis=0))
         smooth = self.normal * ~self.total[POINTS:].any(axis=0)
         given = take(self.ends, some, 1), take(smooth, some, 1), distances.columns
         share = bounded_share(motion, *given, distances.infeasible())
