@@ -103,7 +103,6 @@ class SoftContacts(PlacedManifolds):
         self.most = (1.0 - self.softness) * loads
         # impulses of shorter substeps are a wrong start, which one sweep would leave
         self.isUneven = isUneven | (ratio > 1.0)
-        self.weight[:, self.isUneven] = np.inf  # what converges may grow
         # in every substep, constraints may pull down again what one sweep has stopped
         isTied = frames.tiedReach > 0.0
         isTied = isTied[self.first] | isTied[self.second]
@@ -150,14 +149,18 @@ class SoftContacts(PlacedManifolds):
 
     def warm_start(self):
         """Starts with the impulses of the last substep, limited by LOAD_GROWTH."""
-        self.impulse = self._grown(self.started)
+        self.impulse = self._grown(self.started, self.weight)
         self.started = self.impulse[:POINTS]
         self.pending = self.pending + self.impulse
 
-    def _grown(self, before):
-        """Impulses (7, M), if those at the points were (4, M) before, limited by LOAD_GROWTH."""
+    def _grown(self, before, least):
+        """Impulses (7, M), if those at the points were (4, M) before, limited by LOAD_GROWTH.
+
+        least : (4, M), up to which they always grow
+        """
         normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
-        grown = np.minimum(normal, np.maximum(LOAD_GROWTH * before, self.weight))
+        grown = np.minimum(normal, np.maximum(LOAD_GROWTH * before, least))
+        grown[:, self.isUneven] = normal[:, self.isUneven]
         share = np.add.reduce(grown) / np.maximum(np.add.reduce(normal), TINY)
         return np.concatenate((grown, friction * share))
 
@@ -226,29 +229,30 @@ class SoftContacts(PlacedManifolds):
         isStruck = self.closing < -np.maximum(fall, self.slow)
         isStruck &= self.total[:POINTS] > 0.0
         if isStruck.any():
-            before, total = motion.velocity.copy(), self.total
+            before, total, isPart = motion.velocity.copy(), self.total, isStruck.any(axis=0)
             if CRCoeff < 1.0:
-                self.total = self._plastic(motion, isStruck)
+                self.total, isPart = self._plastic(motion, isStruck)
             if CRCoeff > 0.0:
                 velocity, motion.velocity[:] = motion.velocity.copy(), before
                 elastic = self._elastic(motion, total, isStruck, CRCoeff)
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 self.total = self.total + CRCoeff * (elastic - self.total)
-            # a hard blow more across gravity than along it is no load, and would be repeated in the
-            # next step; along it, heavy bodies that fall would press light ones into the ground
-            isHard = (isStruck & (self.closing < -self.fallSpeed)).any(axis=0)
-            some = indices(isHard & (2.0 * fall**2 <= self.fallSpeed**2))
-            begun = self._grown(self.carried * (self.h / self.timeStep))
+            # what blows add more across gravity than along it is no load, and would be repeated in
+            # the next step; along it, heavy bodies that fall would press light ones into the ground
+            some = indices(isPart & (2.0 * fall**2 <= self.fallSpeed**2))
+            loads = self.carried * (self.h / self.timeStep), self.weight * (fall / self.fallSpeed)
+            begun = self._grown(*loads)
             self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
-        some = indices((self.total[:POINTS] > 0.0).any(axis=0))
+        some = indices(self.total.any(axis=0))
         smooth = self.normal * ~self.total[POINTS:].any(axis=0)
         given = take(self.ends, some, 1), take(smooth, some, 1), distances.columns
         share = bounded_share(motion, *given, distances.infeasible())
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck):
-        """Returns total impulses with which no point of a struck body separates that was pressed.
+        """Solves blows that do not bounce: no point of a struck body separates that was pressed.
+        Returns the total impulses, and which manifolds (M,) take part.
 
         All manifolds of struck bodies take part: others are what they are pressed against. Those
         count as struck, too, that the blow makes faster than gravity does in a substep. Points that
@@ -268,7 +272,8 @@ class SoftContacts(PlacedManifolds):
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
         hasLeft = isOpening & ~isStruck & (self.total[:POINTS] <= self.carried)
         isActive = self.isPoint & ~hasLeft
-        return self._solved(motion, self.total, isPart & isActive.any(axis=0), bias, isActive)
+        solved = self._solved(motion, self.total, isPart & isActive.any(axis=0), bias, isActive)
+        return solved, isPart
 
     def _elastic(self, motion, total, bounces, CRCoeff):
         """Returns total impulses with which points separate as fast as they closed, then the points

@@ -395,6 +395,19 @@ def plastic_row(engine, count, width=1):
     return min(speeds), max(speeds)
 
 
+def crowd(engine):
+    """Momentum that boxes which overlap gain as they are pushed apart, of the sum of theirs."""
+    rng, meshes = np.random.default_rng(3), []
+    for q in random_quaternions(rng, 30):
+        place = 0.8 * rng.normal(size=3)
+        meshes.append(box(*place, (1.2, 0.5, 0.7), orientation=q))
+        throw(meshes[-1], rng.normal(size=3) - place)
+    before = np.array([mesh.linVelocity[0] for mesh in meshes])
+    run(engine, meshes, 0.2, mu=0.3, **FREE)
+    gain = sum(mesh.linVelocity[0] for mesh in meshes) - before.sum(axis=0)  # equal masses
+    return np.linalg.norm(gain) / np.linalg.norm(before, axis=1).sum()
+
+
 def time_steps(engine, kind, *steps):
     """By how much a stack of five, or a chain that swings, is faster in steps of these lengths."""
     if engine != "soft step":
