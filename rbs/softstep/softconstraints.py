@@ -231,7 +231,7 @@ class SoftConstraints:
 
     def _changes(self, motion, impulse):
         """Changes (6, m + 1) of velocities by scaled impulses (K,): M⁻¹ Jᵀ λ"""
-        change, count = self.MJ * np.tile(impulse, 2), len(motion.invMass)
+        change, count = self.MJ * np.concatenate((impulse, impulse)), len(motion.invMass)
         places = self._column + count * np.arange(6)[:, None]
         return np.bincount(places.ravel(), change.ravel(), 6 * count).reshape(6, count)
 
