@@ -51,7 +51,7 @@ class SoftConstraints:
         bodies, vertices = (key[k:4:2].astype(np.intp) for k in (0, 1))
         self.impulse = np.zeros((2, len(key[0])))
         if np.array_equal(key, kept.constraint):
-            self.impulse = ratio * kept.constraintImpulse
+            self.impulse[:] = ratio * kept.constraintImpulse
         columns = take(motion.column, bodies)
         self.movable = indices((motion.invMass[columns] > 0.0).any(axis=0))
         self.count, self.visits, self.h = len(self.movable), 0, h
