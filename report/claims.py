@@ -97,4 +97,4 @@ def quoted(numbers, text):
 
 def digits(number):
     """Two digits, and all of those before the point."""
-    return f"{number:.0f}" if number >= 10 else f"{number:#.2g}"
+    return f"{number:.0f}" if number >= 9.95 else f"{number:#.2g}"
