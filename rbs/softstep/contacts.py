@@ -195,8 +195,8 @@ class SoftContacts(PlacedManifolds):
 
         Those of uneven islands, and all of bodies of which a point sinks faster than `sinkSpeed`.
         """
-        sinking = np.maximum(self.separation, 0.0) / self.h + self.speed[:POINTS] < -self.sinkSpeed
-        isPart, sinking = self.isUneven, sinking.any(axis=0)
+        speed = np.maximum(self.separation, 0.0) / self.h + self.speed[:POINTS]
+        sinking, isPart = (speed < -self.sinkSpeed).any(axis=0), self.isUneven
         if sinking.any():
             isSinking = np.zeros(len(motion.invMass), dtype=bool)
             isSinking[self.ends[:, sinking]] = True

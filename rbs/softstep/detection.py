@@ -187,8 +187,8 @@ def detect(step, frames, kept, isDisturbed, tied):
 def _valid_manifolds(manifolds, frames, nearKey, isStill):
     """Returns the manifolds of pairs that are still near and in nearly the same relative pose.
 
-    Those on the ground change sooner: between its old points, a cylinder that wobbles on its edge
-    would sink in, and gain energy as it is pushed out.
+    Those on the ground are rebuilt at a smaller change: between its old points, a cylinder that
+    wobbles on its edge would sink in, and gain energy as it is pushed out.
 
     nearKey : (Q,), sorted keys of the near pairs of which one body moves; isStill : as for `detect`
     """

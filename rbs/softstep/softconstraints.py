@@ -69,19 +69,16 @@ class SoftConstraints:
         isMoving = motion.invMass[self._column] > 0.0
         given = self._column.tobytes(), isMoving.tobytes()
         self.ends, self.rows, self._order, self._bodies, self._which = _paired(*given)
-        impulse, lasting = np.abs(self.impulse[:, self.movable])
-        self._free, self._last, self._lasting = motion.inverse.copy(), lasting, 0.0 * lasting
+        self._last, lasting = np.abs(self.impulse[:, self.movable])
+        self._free, self._lasting = motion.inverse.copy(), np.zeros(self.count)
         self._update(motion, lasting)
-        self._last = impulse
 
-    def _update(self, motion, impulse):
-        """Updates distances, bounds, J, and responses for the present poses, and inertias for the
-        `impulse` (K,) of a substep.
+    def _update(self, motion, pull):
+        """Updates distances, bounds, J, and responses for the present poses, and masses and
+        inertias for a `pull` (K,) that has lasted for two substeps.
         """
         point, self._arm = self._points(motion.shift, motion.turn, self._arms)
         self.length, self._axis = distance_error(*point, 0.0)
-        before, self._last = self._last, np.abs(impulse)
-        pull = np.minimum(before, self._last)
         if (pull > self._lasting).any():
             self._lasting = np.maximum(pull, self._lasting)
             self._stiffen(motion)
@@ -168,7 +165,8 @@ class SoftConstraints:
         """Drops the pseudo-velocity of `pull`, and stops what still violates the bounds."""
         motion.velocity -= pushed
         impulse = self.impulse[0, self.movable]
-        self._update(motion, impulse)
+        before, self._last = self._last, np.abs(impulse)
+        self._update(motion, np.minimum(before, self._last))
         error = self._speeds(motion.rates()) + self.scale * self.gap / self.h
         self.impulse[0, self.movable] = self._solve(motion, impulse, error, impulse != 0.0)
 

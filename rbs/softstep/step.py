@@ -172,9 +172,7 @@ class Motion:
         return self.displacement + change
 
     def integrate(self, h):
-        self.displacement += h * self.velocity
-        if self.drift is not None:
-            self.turn += h * self.drift
+        self.displacement += h * self.rates()
 
     def store(self, bodies):
         """Moves `Bodies` to the end of the step."""

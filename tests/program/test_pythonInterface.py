@@ -79,7 +79,7 @@ def test_bodies_that_are_added_and_removed_take_their_constraints_along():
 )
 @pytest.mark.parametrize("gyroscopic", [False, True])
 def test_a_constant_force_and_torque_accelerate_as_newton_and_euler_say(settings, gyroscopic):
-    """v = n h a, and x = h² a n (n + 1) / 2 with a = g + F / m, as angles; semi-implicit Euler."""
+    """By semi-implicit Euler, v = n h a, x = h² a n (n + 1) / 2, a = g + F / m; angles likewise."""
     ball = shapes.sphere(1.0, 3.0)
     ball.set_force((2.0, -1.0, 0.5), (0.0, 0.0, 0.7))
     wall = shapes.box((1, 1, 1), 1.0, (50, 50, 50), isFixed=True)

@@ -160,7 +160,7 @@ def test_their_detection_counts(tmp_path):
 
 
 def test_gravity_arguments_and_names_are_right_for_a_careless_student(tmp_path):
-    """Knows the Earth only, edits given arrays, and keeps numbers in a mesh by names of ours."""
+    """They know only the Earth, edit given arrays, and store numbers in a mesh under our names."""
     careless = """import copy
 right, moved = resolve_collision, resolve_position_constraint
 make, fly = Mesh.__init__, Mesh.integrate_timestep

@@ -47,7 +47,7 @@ def some_heap(seed=3, count=7):
 
 
 def test_corners_that_are_selected_twice_are_points_once_in_one_order_on_every_processor():
-    """Four are selected, of one to three. NumPy's default sort orders equal ones by processor."""
+    """Four are selected out of one to three. How NumPy sorts ties depends on the processor."""
     rng = np.random.default_rng(1)
     row = np.arange(60).repeat(np.arange(60) % 3 + 1)
     u, v, separation, growth = rng.normal(size=(4, len(row)))
@@ -255,7 +255,7 @@ def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground()
 
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_the_ground_takes_no_momentum_without_friction(e):
-    """From heaps that slide as they fall, one from in the ground, and from a sleeping row, hit."""
+    """Heaps slide as they fall, one starts in the ground, and a box hits a sleeping row."""
     groups = []
     for k in range(2):
         rng = np.random.default_rng(k)
