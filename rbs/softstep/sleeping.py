@@ -1,8 +1,8 @@
 """Sleeping: bodies at rest are skipped until something disturbs them.
 
-The rule is local: a body falls asleep if it has been slow for a while. Box2D and Bullet put whole
-islands to sleep instead. In a heap, which is one island, a few rolling bodies would keep nearly all
-of it awake.
+The rule is local: a body falls asleep if it has been slow for a while, and stayed where it was.
+Box2D and Bullet put whole islands to sleep instead. In a heap, which is one island, a few rolling
+bodies would keep nearly all of it awake.
 
 A sleeping body has no velocity, and supports others like a fixed one. It wakes if it or a body that
 it touches has been changed from outside or is fast, if a constraint changes, and if the scene does.
@@ -29,30 +29,29 @@ from rbs.softstep.rows import reached
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
 # piles awake: with half of it, 40 % of a heap of 1000 sleep, not 95 %.
 SLOW = 0.01
-# Largest steady acceleration of a body that falls asleep, as a fraction of that of gravity. With
-# more, bodies fall asleep on slopes of 0.05° without friction, and slow pendulums where they turn;
-# with less, piles stay awake: with 3e-4, 94 % of one heap of 1000 sleep, not 96 %.
+# What counts as rest: the largest mean speed over SLEEP_SECONDS, in √(g r), and the largest
+# acceleration that a force could cause, as a fraction of that of gravity. With more, bodies fall
+# asleep on slopes of 0.1° without friction, and slow pendulums where they turn; with less, piles
+# stay awake.
 STEADY = 5e-4
-# Seconds over which velocities are averaged for that.
-MEAN_SECONDS = 0.2
 
 
 class Sleep(SimpleNamespace):
     """Sleeping state of n bodies, and how long the others have been slow.
 
-    isAsleep : (n,) bool; timer : (n,), seconds, inf for fixed bodies
-    mean : (12, n), mean velocity since they have been slow, and the mean of that
+    isAsleep : (n,) bool; timer : (n,), seconds at rest, inf for fixed bodies
+    way : (6, n), displacements and rotation vectors in this time; 0 of sleepers
     state : (13, n), of `Bodies`, at the end of the last step
     """
 
-    COLUMNS = ("isAsleep", "timer", "mean", "state")
+    COLUMNS = ("isAsleep", "timer", "way", "state")
 
     @classmethod
     def none(cls, bodies):
         """Returns a `Sleep` in which all bodies are awake."""
-        timer, mean = np.where(bodies.isFixed, np.inf, 0.0), np.zeros((12, len(bodies.isFixed)))
+        timer, way = np.where(bodies.isFixed, np.inf, 0.0), np.zeros((6, len(bodies.isFixed)))
         state = bodies.state[:, :-1]
-        return cls(isAsleep=np.zeros_like(bodies.isFixed), timer=timer, mean=mean, state=state)
+        return cls(isAsleep=np.zeros_like(bodies.isFixed), timer=timer, way=way, state=state)
 
     def renumbered(self, bodies, number):
         """Returns the `Sleep` after bodies were added or removed; number : see
@@ -73,20 +72,16 @@ class Sleep(SimpleNamespace):
         if not step.sleeping:
             return Sleep.none(bodies)
         isStill = self.isAsleep & ~isTried
-        isSlow = _are_slow(bodies, motion) | isStill
-        timer = np.where(bodies.isFixed, np.inf, np.where(isSlow, self.timer + timeStep, 0.0))
-        # with a steady acceleration a, the two means differ by a MEAN_SECONDS; a tremor cancels out
-        keep = np.where(np.minimum(self.timer, timer) > 0.0, np.exp(-timeStep / MEAN_SECONDS), 0.0)
-        mean = bodies.velocity + keep * (self.mean[:6] - bodies.velocity)
-        slower = mean + keep * (self.mean[6:] - mean)
-        # what glides is no more at rest than what speeds up
-        drift = np.maximum(_speeds(bodies, mean - slower), _speeds(bodies, slower))
-        isSteady = drift <= STEADY * bodies.fallRate * MEAN_SECONDS
-        isAsleep = (isStill | (isSteady & (timer >= SLEEP_SECONDS))) & ~bodies.isFixed
+        way, speed = self.way + timeStep * bodies.velocity, STEADY * _fall_speeds(bodies)
+        # what glides, or starts to slide, leaves its place; a tremor does not
+        isNear = _speeds(bodies, way) <= speed * np.where(isTried, timeStep, SLEEP_SECONDS)
+        rests = isStill | (isNear & _are_slow(bodies, motion))
+        timer = np.where(bodies.isFixed, np.inf, np.where(rests, self.timer + timeStep, 0.0))
+        isAsleep = (timer >= SLEEP_SECONDS) & ~bodies.isFixed
         bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)
         bodies.state[:, :-1] = np.where(isTried & isAsleep, self.state, bodies.state[:, :-1])
-        mean, state = np.concatenate((mean, slower)), bodies.state[:, :-1]
-        return Sleep(isAsleep=isAsleep, timer=timer, mean=mean, state=state)
+        way, state = np.where(rests & ~isAsleep, way, 0.0), bodies.state[:, :-1]
+        return Sleep(isAsleep=isAsleep, timer=timer, way=way, state=state)
 
 
 def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
@@ -121,7 +116,7 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
         isWoken |= sleep.isAsleep & reached(force >= least, force, mass, links, least)
         isAwake = ~sleep.isAsleep | isWoken
         blow = (1.0 + step.CRCoeff) * isAwake * _striking_speeds(step, frames, manifolds, isAwake)
-        least = _slow_speeds(bodies)
+        least = SLOW * _fall_speeds(bodies)
         isTried = ~isAwake & reached(blow >= least, blow, mass, links, least)
     timer = np.where(isWoken, 0.0, sleep.timer)
     sleep = Sleep(**vars(sleep) | {"isAsleep": sleep.isAsleep & ~isWoken, "timer": timer})
@@ -187,8 +182,9 @@ def released(manifolds, frames, isLeft, gravity):
     return manifolds, isLeft[:-1]
 
 
-def _slow_speeds(bodies):
-    return SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
+def _fall_speeds(bodies):
+    """√(g r) (n,): the speeds of bodies that have fallen by half their radius"""
+    return np.sqrt(bodies.fallRate * bodies.hulls.radius)
 
 
 def _are_slow(bodies, motion=None):
@@ -197,7 +193,7 @@ def _are_slow(bodies, motion=None):
     if motion is not None:
         mean[:, motion.bodies] = motion.displacement[:, : len(motion.bodies)] / motion.timeStep
         speed = np.maximum(speed, _speeds(bodies, mean))
-    return speed <= _slow_speeds(bodies)
+    return speed <= SLOW * _fall_speeds(bodies)
 
 
 def connected(some, isFree, links):
