@@ -97,7 +97,7 @@ class SoftContacts(PlacedManifolds):
         self.pending, self.total = np.zeros((2, 7, self.count))
         least = max(TOLERANCE * self.fallSpeed * h / self.timeStep, self.rounding, TINY)
         self.leastSlip = np.where(self._may_slide(), least, 0.0)
-        isUneven, loads = self._weighed(motion.invMass)
+        isUneven, loads = self._weighed(inverse[0], motion)
         # without gravity, nothing is a load
         loads = loads * np.where(motion.fallRate > 0.0, self.weight, 1.0 / TINY)
         self.most = (1.0 - self.softness) * loads
@@ -110,7 +110,7 @@ class SoftContacts(PlacedManifolds):
         # error at which sweeps over what one has left unsolved end, in m/s
         self.tolerance = np.where(self.isUneven, TOLERANCE * self.fallSpeed, self.sinkSpeed)
 
-    def _weighed(self, invMass):
+    def _weighed(self, invMass, motion):
         """`(isUneven (M,), loads (M,))`: whether manifolds are in islands in which bodies of UNEVEN
         masses touch, and the largest loads to which their springs yield, in weights of the
         effective mass. That is half of UNEVEN where masses are so uneven; of others, more by the
@@ -118,17 +118,20 @@ class SoftContacts(PlacedManifolds):
         less, they push them about.
 
         What rests on a light body presses it on its supports, too: counts the heaviest of those
-        that touch either body.
+        that touch either body. What sleeps weighs as much as what is awake.
+
+        invMass : (n + 1,), of all bodies
         """
-        heavier, lighter = np.sort(take(invMass, self.ends), axis=0)  # inverse masses
+        ends = np.array((self.first, self.second))
+        heavier, lighter = np.sort(take(invMass, ends), axis=0)  # inverse masses
         isUneven = (heavier > 0.0) & (lighter > UNEVEN * heavier)
         if isUneven.any():
-            island = islands_of(self.ends, invMass)
+            island = islands_of(self.ends, motion.invMass)
             isUneven = np.isin(island, island[isUneven])
         heavier, heaviest = np.where(heavier > 0.0, heavier, lighter), np.full(len(invMass), np.inf)
-        np.minimum.at(heaviest, self.ends.ravel(), np.tile(heavier, 2))
+        np.minimum.at(heaviest, ends.ravel(), np.tile(heavier, 2))
         heaviest[invMass == 0.0] = np.inf
-        heaviest = take(heaviest, self.ends).min(axis=0)
+        heaviest = take(heaviest, ends).min(axis=0)
         return isUneven, 0.5 * UNEVEN * np.maximum(UNEVEN * heaviest / lighter, 1.0) ** 2
 
     def _may_slide(self):

@@ -29,11 +29,10 @@ from rbs.softstep.rows import reached
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
 # piles awake: with half of it, 40 % of a heap of 1000 sleep, not 95 %.
 SLOW = 0.01
-# What counts as rest: the largest mean speed over SLEEP_SECONDS, in √(g r), and the largest
-# acceleration that a force could cause, as a fraction of that of gravity. With more, bodies fall
-# asleep on slopes of 0.1° without friction, and slow pendulums where they turn; with less, piles
-# stay awake.
-STEADY = 5e-4
+# Largest steady acceleration of a body at rest, as a fraction of that of gravity: in SLEEP_SECONDS,
+# it moves a body that was still by the length that counts as no motion. With more, what glides at
+# 1 mm/s falls asleep, and slow pendulums where they turn; with less, piles stay awake.
+STEADY = 4e-4
 
 
 class Sleep(SimpleNamespace):
@@ -71,8 +70,8 @@ class Sleep(SimpleNamespace):
         bodies, timeStep = frames.bodies, step.timeStep
         if not step.sleeping:
             return Sleep.none(bodies)
-        isStill = self.isAsleep & ~isTried
-        way, speed = self.way + timeStep * bodies.velocity, STEADY * _fall_speeds(bodies)
+        isStill, way = self.isAsleep & ~isTried, self.way + timeStep * bodies.velocity
+        speed = 0.5 * STEADY * bodies.fallRate * SLEEP_SECONDS
         # what glides, or starts to slide, leaves its place; a tremor does not
         isNear = _speeds(bodies, way) <= speed * np.where(isTried, timeStep, SLEEP_SECONDS)
         rests = isStill | (isNear & _are_slow(bodies, motion))
@@ -116,7 +115,7 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
         isWoken |= sleep.isAsleep & reached(force >= least, force, mass, links, least)
         isAwake = ~sleep.isAsleep | isWoken
         blow = (1.0 + step.CRCoeff) * isAwake * _striking_speeds(step, frames, manifolds, isAwake)
-        least = SLOW * _fall_speeds(bodies)
+        least = _slow_speeds(bodies)
         isTried = ~isAwake & reached(blow >= least, blow, mass, links, least)
     timer = np.where(isWoken, 0.0, sleep.timer)
     sleep = Sleep(**vars(sleep) | {"isAsleep": sleep.isAsleep & ~isWoken, "timer": timer})
@@ -182,9 +181,8 @@ def released(manifolds, frames, isLeft, gravity):
     return manifolds, isLeft[:-1]
 
 
-def _fall_speeds(bodies):
-    """√(g r) (n,): the speeds of bodies that have fallen by half their radius"""
-    return np.sqrt(bodies.fallRate * bodies.hulls.radius)
+def _slow_speeds(bodies):
+    return SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
 
 
 def _are_slow(bodies, motion=None):
@@ -193,7 +191,7 @@ def _are_slow(bodies, motion=None):
     if motion is not None:
         mean[:, motion.bodies] = motion.displacement[:, : len(motion.bodies)] / motion.timeStep
         speed = np.maximum(speed, _speeds(bodies, mean))
-    return speed <= SLOW * _fall_speeds(bodies)
+    return speed <= _slow_speeds(bodies)
 
 
 def connected(some, isFree, links):
