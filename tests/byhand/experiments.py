@@ -386,10 +386,10 @@ def against_a_wall(engine, count, e=0.0):
 
 
 def plastic_row(engine, count, width=1):
-    """Least and greatest speed of a row, of the common one; the middle one of `width` is hit."""
+    """Least and greatest speed of an awake row, of the common one; the middle of `width` is hit."""
     places = [(i + 1.0, 0.5, k - width // 2) for k in range(width) for i in range(count - 1)]
     meshes = [throw(box(-0.5), (1, 0, 0)), *(box(*place) for place in places)]
-    run(engine, meshes, 1.0, mu=0.0)
+    run(engine, meshes, 1.0, mu=0.0, sleeping=False)
     row = [mesh for mesh in meshes if abs(mesh.position[0, 2]) < 0.5]
     speeds = [count * mesh.linVelocity[0, 0] for mesh in row]
     return min(speeds), max(speeds)
