@@ -169,7 +169,7 @@ def islands(links, isFree):
     links : (2, L), connected bodies; n or -1 is the ground
     isFree : (n,) bool; other bodies, and the ground, connect nothing
     """
-    some = indices(np.logical_and(*np.append(isFree, False)[links]))
+    some = indices(take(np.concatenate((isFree, [False])), links).all(axis=0))
     first, second = take(links, some, axis=1)
     island = np.arange(len(isFree))
     while True:
@@ -178,5 +178,6 @@ def islands(links, isFree):
         if (low == high).all():
             return island
         np.minimum.at(island, high, low)
-        while (island[island] != island).any():
-            island = island[island]
+        root = take(island, island)
+        while (root != island).any():
+            island, root = root, take(root, root)

@@ -57,9 +57,8 @@ def vec_mat(v, matrix):
     return result
 
 
-def take(table, index, axis=None):
-    """`table.take(index, axis)`: contiguous, so that what follows is faster than on a view."""
-    return table.take(index, axis)
+# `take(table, index, axis)` is contiguous, so that what follows is faster than on a view.
+take = np.ndarray.take
 
 
 def indices(mask):

@@ -85,8 +85,8 @@ class Frames:
         self.bodies, self.hulls, self.count = bodies, bodies.hulls, len(bodies.meshes)
         self.position, self.velocity = bodies.state[:3], bodies.state[3:9]
         self.orientation, self.rotation = bodies.state[9:], bodies.rotation
-        sizes = np.array((self.hulls.thickness, self.hulls.radius))
-        self._sizes = np.column_stack((sizes, (np.inf, np.inf)))
+        self._sizes = np.full((2, self.count + 1), np.inf)
+        self._sizes[:, :-1] = self.hulls.thickness, self.hulls.radius
         self.thickness, self.radius = self._sizes
         self.timeStep, self.hasGround = timeStep, hasGround
         self.isGroundMoving = self.velocity[:, -1].any()
@@ -94,10 +94,11 @@ class Frames:
         self.glide = self.displacement[:3]
         drop = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
         self.shift = timeStep * (bodies.linVelocity + drop)
-        # in the frame of the ground, of what is fixed, or else of all bodies
-        isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
-        held = self.glide[:, -1:] if hasGround else self.shift[:, isHeld]
-        self.shift -= held.mean(axis=1, keepdims=True)
+        held = self.glide[:, -1:]
+        if not hasGround:  # in the frame of what is fixed, or else of all bodies
+            isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
+            held = self.shift[:, isHeld].mean(axis=1, keepdims=True)
+        self.shift -= held
         turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
         self.spinReach = norm(turn) * self.hulls.radius
 
@@ -115,7 +116,7 @@ class Frames:
         island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
         isFree = (np.bincount(island, isHeld) == 0.0)[island]
         if isFree[near].any():
-            total = np.stack([np.bincount(island, x)[island] for x in self.shift])
+            total = np.array([np.bincount(island, x)[island] for x in self.shift])
             self.shift -= np.where(isFree, total / np.bincount(island)[island], 0.0)
             self._place_boxes(tied)
             near = overlapping(self.box, *near)
@@ -123,7 +124,7 @@ class Frames:
 
     def _place_boxes(self, tied):
         """Sets `reach` and `box` for the present `shift`; returns the margin (n,)."""
-        own = np.append(norm(self.shift) + self.spinReach, 0.0)
+        own = np.concatenate((norm(self.shift) + self.spinReach, [0.0]))
         self.tiedReach = np.zeros(self.count + 1)
         # constraints may make a body as fast as the one it is tied to
         np.maximum.at(self.tiedReach, tied, own[tied[::-1]])
@@ -173,10 +174,12 @@ def detect(step, frames, kept, isDisturbed, tied):
     axis = known_columns(key, kept.pairKey, kept.pairAxis)
     valid = _valid_manifolds(kept.manifolds, frames, key, isStill)
     asked = indices(find_sorted(key, valid.key) < 0)
-    ground = _ground_contacts(frames, valid)
+    landing = indices(frames.isNearGround)
+    landing = landing[find_sorted(landing * (frames.count + 1) + frames.count, valid.key) < 0]
     kept.pairKey, kept.pairAxis = key, axis
-    if len(asked) + len(ground.first) == 0:
+    if len(asked) + len(landing) == 0:
         return valid
+    ground = _ground_contacts(frames, landing)
     pairs, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
     contacts = _with_pairs(frames, pairs, valid, ground) if len(pairs.first) else ground
     new = _new_manifolds(frames, contacts)
@@ -193,9 +196,9 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     nearKey : (Q,), sorted keys of the near pairs of which one body moves; isStill : as for `detect`
     """
     ends = manifolds.bodies(frames.count)
-    isValid = np.append(isStill, True)[ends].all(axis=0)
+    isValid = take(np.concatenate((isStill, [True])), ends).all(axis=0)
     isNear = find_sorted(manifolds.key, nearKey) >= 0
-    isNear |= (ends[1] == frames.count) & np.append(frames.isNearGround, False)[ends[0]]
+    isNear |= (ends[1] == frames.count) & take(frames.isNearGround, ends[0])
     moved = indices(~isValid & isNear)
     first, second = take(ends, moved, axis=1)
     rotation1 = take(frames.rotation, first, axis=1)
@@ -258,12 +261,8 @@ def _with_pairs(frames, pairs, valid, ground):
     return Contacts(*joined(ground, (*found, row, take(corners, kept, axis=1))))
 
 
-def _ground_contacts(frames, valid):
-    """`Contacts` with the ground of bodies that have none in the valid `Manifolds`."""
-    first, second = valid.bodies(frames.count)
-    isAsked = frames.isNearGround.copy()
-    isAsked[first[second == frames.count]] = False
-    body = indices(isAsked)
+def _ground_contacts(frames, body):
+    """`Contacts` of the bodies (K,) with the ground."""
     ground = np.full(len(body), frames.count)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
     hulls = frames.hulls

@@ -9,7 +9,7 @@ Without a bound, a heavy body squeezes out a light one that it rests on.
 import numpy as np
 
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import dot, indices, mat_vec, vec_mat
+from rbs.geometry.vectors import dot, indices, mat_vec, take, vec_mat
 from rbs.softstep.manifolds import ROUNDING, TINY
 from rbs.softstep.rows import inverted
 from rbs.stepping.flight import turn_matrix
@@ -39,8 +39,8 @@ def bounded_share(motion, touching, normal, tied, infeasible):
         return share
     isMovable, links = motion.invMass[:-1] > 0.0, np.concatenate((touching, tied), axis=1)
     mass, inertia = 1.0 / np.where(isMovable, motion.invMass[:-1], np.inf), motion.inertia
-    turn, island = np.stack(turn_matrix(motion.turn[:, :-1])), islands(links, isMovable)
-    count = int(island.max()) + 1
+    turn, island = np.array(turn_matrix(motion.turn[:, :-1])), islands(links, isMovable)
+    count = len(island)
 
     def total(x):
         """Sums (I,) over the bodies of each island."""
@@ -62,13 +62,13 @@ def bounded_share(motion, touching, normal, tied, infeasible):
         return np.concatenate((v[:3], mat_vec(inverse, momentum)))
 
     some, held, frame, isWorked = _supports(motion, links, mass, island, count)
-    frame, rests = frame[:, island], np.bincount(held, minlength=count) > 0
+    frame, rests = take(frame, island, axis=1), np.bincount(held, minlength=count) > 0
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
     work = np.where(having(infeasible)[island], 0.0, mass * dot(motion.gravity[:, :-1], way))
     limit, now = total(0.5 * products(begin, begin) + work), turned(velocity)
     energy = total(0.5 * products(now, now))
-    isBound = ~isWorked & (having(touching) | having(infeasible))
+    isBound = ~isWorked & having(np.concatenate((touching, infeasible), axis=1))
     isOver = isBound & (energy > limit)
     if not (isOver.any() or isTumbling):
         return share
@@ -76,24 +76,25 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     # b s + a s²
     free = begin.copy()
     free[:3] += motion.timeStep * motion.gravity[:, :-1]
-    atFree = turned(free)
-    change = now - atFree
-    a, b = total(0.5 * products(change, change)), total(products(atFree, change))
-    if isTumbling:  # as they turn on, bodies that have bounced keep what the impulses have left
-        isElastic = isBound & (a > 0.0) & (b > -BOUNCED * a)
-        kept = total(0.5 * products(velocity, velocity))
-        limit = np.where(isElastic, np.minimum(limit, kept), limit)
-        isOver |= isElastic
-    left = limit - total(0.5 * products(atFree, atFree))
-    root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
-    part = np.maximum((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0)
-    share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
+    if isTumbling or (isOver & ~rests).any():
+        atFree = turned(free)
+        change = now - atFree
+        a, b = total(0.5 * products(change, change)), total(products(atFree, change))
+        if isTumbling:  # as they turn on, bodies that have bounced keep what impulses have left
+            isElastic = isBound & (a > 0.0) & (b > -BOUNCED * a)
+            kept = total(0.5 * products(velocity, velocity))
+            limit = np.where(isElastic, np.minimum(limit, kept), limit)
+            isOver |= isElastic
+        left = limit - total(0.5 * products(atFree, atFree))
+        root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
+        part = np.maximum((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0)
+        share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
 
     asked, along, shrink = indices(isOver & rests), np.zeros((6, count)), np.ones(count)
     if len(asked):
         mean = np.array([total(mass * v)[asked] for v in velocity[:3]]) / total(mass)[asked]
         along[:3, asked] = _along_supports(mean, links, normal, some, held, asked, count)
-    along = along[:, island]
+    along = take(along, island, axis=1)
     own = total(0.5 * mass * dot(along, along))[asked]
     shrink[asked] = np.maximum(limit[asked] - own, 0.0) / np.maximum(energy[asked] - own, TINY)
     velocity = free + share[:-1] * (velocity - free)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rbs.geometry.vectors import cross, dot, mat_vec, take
+from rbs.geometry.vectors import cross, dot, indices, mat_vec, take
 from rbs.softstep.manifolds import POINTS
 from rbs.stepping.reports import GROUND
 
@@ -25,8 +25,8 @@ class PlacedManifolds:
         self.start1 = take(frames.position, self.first, axis=1)
         self.t = frames.translations(self.first, self.second)
         self.isPoint = manifolds.isPoint
-        axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
-        vectors = np.concatenate((axes, manifolds.anchor1), axis=1)
+        axes = manifolds.normal[:, None], manifolds.tangent[:, None]
+        vectors = np.concatenate((*axes, manifolds.anchor1), axis=1)
         turned = mat_vec(take(frames.rotation, self.first, axis=1)[:, None], vectors)
         isOnGround = self.second == frames.count
         self.other = np.where(isOnGround, GROUND, self.second)
@@ -45,10 +45,13 @@ class PlacedManifolds:
         A manifold's friction is divided in proportion to the normal impulses of its points.
         """
         impulse, load = total[:POINTS], np.add.reduce(total[:POINTS])
-        k, m = np.nonzero((impulse > 0.0) | (self.isPoint & (self.gap <= 0.0)))
+        isShown = (impulse > 0.0) | (self.isPoint & (self.gap <= 0.0))
+        place = indices(isShown.reshape(-1))
+        m = place % max(self.count, 1)
         share = total[POINTS:] / np.where(load > 0.0, load, 1.0)
-        friction = self.tangent1 * share[0] + self.tangent2 * share[1]
-        impulse, arm = impulse[k, m], self.arm[:, k, m]
-        depth, point = np.maximum(-self.gap[k, m], 0.0), self.start1[:, m] + arm
-        bodies = self.key[m], self.first[m], self.other[m]
-        return *bodies, depth, self.normal[:, m], point, impulse, friction[:, m] * impulse, arm
+        friction = take(self.tangent1 * share[0] + self.tangent2 * share[1], m, axis=1)
+        impulse, arm = take(impulse, place), take(self.arm.reshape(3, -1), place, axis=1)
+        depth = np.maximum(-take(self.gap, place), 0.0)
+        normal, point = take(self.normal, m, axis=1), take(self.start1, m, axis=1) + arm
+        bodies = (take(x, m) for x in (self.key, self.first, self.other))
+        return *bodies, depth, normal, point, impulse, friction * impulse, arm

@@ -80,7 +80,7 @@ def soft_step(step):
         motion.store(bodies)
         kept.sleep = sleep.settled(step, frames, motion, isTried)
         isStill = (sleep.isAsleep & kept.sleep.isAsleep) | bodies.isFixed
-        kept.manifolds = contacts.store(manifolds, np.append(isStill, True))
+        kept.manifolds = contacts.store(manifolds, np.concatenate((isStill, [True])))
         check_numbers(snapshot_of(bodies.state), step.meshes, "contacts and constraints")
         kept.constraint, kept.constraintImpulse = constraints, distances.impulse
         kept.rest = None
@@ -132,12 +132,12 @@ class Motion:
         bodies, self.timeStep = frames.bodies, frames.timeStep
         self.fallRate = bodies.fallRate
         isMoving = ~(isAsleep | bodies.isFixed) | bodies.isKinematic
-        self.moving = indices(np.append(isMoving, frames.isGroundMoving))
+        self.moving = indices(np.concatenate((isMoving, [frames.isGroundMoving])))
         self.bodies, count = self.moving[self.moving < frames.count], len(self.moving)
         self.column = np.full(frames.count + 1, count)
         self.column[self.moving] = np.arange(count)
         table, some = np.zeros((22, count + 1)), slice(len(self.bodies))
-        self.velocity, self.inverse, self.acceleration = np.split(table, (6, 16))
+        self.velocity, self.inverse, self.acceleration = table[:6], table[6:16], table[16:]
         self.invMass, self.invInertia = self.inverse[0], self.inverse[1:]
         self.gravity, self.spinUp = self.acceleration[:3], self.acceleration[3:]
         self.velocity[:, :-1] = take(frames.velocity, self.moving, axis=1)
@@ -262,8 +262,9 @@ class SolverState:
         isStirred = isChanged | bodies.isDriven | isOther
         ends = changed_ends(constraint, self.constraint)
         isStirred[ends[ends < self.count]] = True
-        isFree = ~bodies.isFixed  # what is tied to such a body wakes with it
-        isStirred |= connected((isStirred | beside(isStirred, tied)) & isFree, isFree, tied)
+        isFree = ~bodies.isFixed
+        if tied.size:  # what is tied to such a body wakes with it
+            isStirred |= connected((isStirred | beside(isStirred, tied)) & isFree, isFree, tied)
         return (isStirred & isFree) | isChanged, ratio
 
     def remove(self, body):

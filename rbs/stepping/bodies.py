@@ -143,7 +143,7 @@ class Bodies:
     def arms(self, b, vertex):
         """Vertices (3, …) of the bodies b (…), rotated, relative to the COMs."""
         atRest = take(self.vertices, self.vertexStart[b] + vertex, axis=1)
-        return np.stack(mat_vec(take(self.rotation, b, axis=1), atRest))
+        return np.array(mat_vec(take(self.rotation, b, axis=1), atRest))
 
     def integrate(self, timeStep, gyroscopic=False):
         """Integrates free flight, as the methods of `Mesh`; nothing accelerates fixed bodies."""
@@ -190,7 +190,7 @@ class Bodies:
         self.angVelocity[:] = np.where(self.isFixed, self.angVelocity, after)
 
     def update_rotations(self):
-        self.rotation = np.stack(rotation_matrices(self.state[9:]))
+        self.rotation = np.array(rotation_matrices(self.state[9:]))
         rotation = np.ascontiguousarray(self.rotation[:, :-1])
         self.invInertia = np.zeros(self.rotation.shape)
         self.invInertia[:, :-1] = rotate_tensor(rotation, self.restInvInertia)
@@ -199,7 +199,7 @@ class Bodies:
         low = np.minimum.reduceat(corners, starts, axis=1)
         high = np.maximum.reduceat(corners, starts, axis=1)
         self._relativeBox = np.where(self.vertexCount > 0, np.concatenate((low, -high)), np.inf)
-        self.box = self.box_at(np.arange(len(self.meshes)), self.position)
+        self.box = self._relativeBox + np.concatenate((self.position, -self.position))
 
     def box_at(self, b, position):
         """Returns the boxes of the bodies b (m,) at the positions (3, m), as in `box`."""
