@@ -7,10 +7,10 @@ products are written out, without BLAS, `einsum` or pairwise summation.
 
 import numpy as np
 
-from rbs.geometry.triples import rotate_tensor as rotate_tensor  # works on arrays, too
-
 # Indices of the components x y z x y, in which the factors of a vector product are adjacent.
 _CYCLE = np.array([0, 1, 2, 0, 1])
+# Of the entries of a symmetric matrix, those on and below the diagonal, twice.
+_LOWER = np.array([0, 3, 6, 3, 4, 7, 6, 7, 8])
 
 
 def mul_add(v, factor, direction):
@@ -55,6 +55,12 @@ def vec_mat(v, matrix):
     result += products[1]
     result += products[2]
     return result
+
+
+def rotate_tensor(rotation, tensor):
+    """R T Rᵀ for symmetric tensors T, (9, n) each; symmetric to the last bit."""
+    ofRows = vec_mat(rotation.reshape(3, 3, -1).swapaxes(0, 1), tensor[:, None])  # rows of R T
+    return take(mat_vec(rotation[:, None], ofRows).reshape(9, -1), _LOWER, axis=0)
 
 
 # `take(table, index, axis)` is contiguous, so that what follows is faster than on a view.

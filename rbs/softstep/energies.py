@@ -62,6 +62,8 @@ def bounded_share(motion, touching, normal, tied, infeasible):
         return np.concatenate((v[:3], mat_vec(inverse, momentum)))
 
     some, held, frame, isWorked = _supports(motion, links, mass, island, count)
+    normal = np.concatenate((normal, np.zeros((3, len(tied[0])))), axis=1)
+    normal = take(normal, some, axis=1)  # of what islands rest on
     frame, rests = take(frame, island, axis=1), np.bincount(held, minlength=count) > 0
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
@@ -91,9 +93,12 @@ def bounded_share(motion, touching, normal, tied, infeasible):
         share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
 
     asked, along, shrink = indices(isOver & rests), np.zeros((6, count)), np.ones(count)
-    if len(asked):
-        mean = np.array([total(mass * v)[asked] for v in velocity[:3]]) / total(mass)[asked]
-        along[:3, asked] = _along_supports(mean, links, normal, some, held, asked, count)
+    # friction, and links that are no contacts, take momentum in any direction
+    isHeldFast = np.bincount(held, ~normal.any(axis=0), count) > 0.0
+    some = indices(isOver & rests & ~isHeldFast)
+    if len(some):
+        mean = np.array([total(mass * v)[some] for v in velocity[:3]]) / total(mass)[some]
+        along[:3, some] = _along_supports(mean, normal, held, some, count)
     along = take(along, island, axis=1)
     own = total(0.5 * mass * dot(along, along))[asked]
     shrink[asked] = np.maximum(limit[asked] - own, 0.0) / np.maximum(energy[asked] - own, TINY)
@@ -122,18 +127,14 @@ def _supports(motion, links, mass, island, count):
     return some, held, frame, isWorked
 
 
-def _along_supports(mean, links, normal, some, held, asked, count):
-    """Parts (3, K) of the mean velocities of the islands asked (K,) along all that they rest on.
+def _along_supports(mean, normal, held, some, count):
+    """Parts (3, K) of the mean velocities (3, K) of some islands (K,), of `count`, along all that
+    they rest on without friction. They stay.
 
-    They stay. Friction, and links that are no contacts, take momentum in any direction.
-
-    mean : (3, K); links, normal : the first C of the links are contacts, as for `bounded_share`
-    some, held : from `_supports`; count : of all islands
+    normal, held : (3, L), (L,), of what islands rest on, and these
     """
-    axes, contacts = np.eye(3)[:, :, None].repeat(len(links[0]), axis=2), len(normal[0])
-    axes[..., :contacts] *= 1.0 - dot(normal, normal)
-    axes[..., :contacts] += normal[:, None] * normal
-    blocked = [np.bincount(held, axis, count)[asked] for axis in axes.reshape(9, -1)[:, some]]
+    axes = np.eye(3)[:, :, None] * (1.0 - dot(normal, normal)) + normal[:, None] * normal
+    blocked = [np.bincount(held, axis, count)[some] for axis in axes.reshape(9, -1)]
     values, vectors = np.linalg.eigh(np.transpose(blocked).reshape(-1, 3, 3))
     vectors *= (values <= ROUNDING * values[:, 2:])[:, None]
     return np.einsum("iak,ibk,bi->ai", vectors, vectors, mean)

@@ -9,8 +9,8 @@ import numpy as np
 from Quaternion import multiply, rotation_matrices
 from rbs.geometry.broadphase import grid_overlaps, overlapping
 from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_columns
-from rbs.geometry.triples import mat_vec, rotate_tensor, vector
-from rbs.geometry.vectors import indices, ranges, row_minima, take
+from rbs.geometry.triples import vector
+from rbs.geometry.vectors import indices, mat_vec, ranges, rotate_tensor, row_minima, take
 from rbs.stepping.flight import torque_free_velocities, turned
 from rbs.stepping.meshes import Snapshot, check_distinct, check_start, columns_of, table_of
 from rbs.stepping.settings import EARTH
@@ -124,8 +124,8 @@ class Bodies:
         self.acceleration = np.array([*gravity, 0.0, 0.0, 0.0]).reshape(6, 1)
         if self.isDriven.any():  # as by `Mesh.apply_torque`
             load = np.array([np.ravel(m._load or np.zeros(6)) for m in self.meshes]).T
-            inverse = rotate_tensor(rotation_matrices(self.orientation), self.restInvInertia)
-            change = self.invMass[:-1] * load[:3], np.stack(mat_vec(inverse, load[3:]))
+            angular = mat_vec(self._rotated(self.restInvInertia), load[3:])
+            change = self.invMass[:-1] * load[:3], angular
             self.acceleration = self.acceleration + np.concatenate(change)
 
     def _inverse_tensors(self):
@@ -143,7 +143,7 @@ class Bodies:
     def arms(self, b, vertex):
         """Vertices (3, …) of the bodies b (…), rotated, relative to the COMs."""
         atRest = take(self.vertices, self.vertexStart[b] + vertex, axis=1)
-        return np.array(mat_vec(take(self.rotation, b, axis=1), atRest))
+        return mat_vec(take(self.rotation, b, axis=1), atRest)
 
     def integrate(self, timeStep, gyroscopic=False):
         """Integrates free flight, as the methods of `Mesh`; nothing accelerates fixed bodies."""
@@ -177,16 +177,17 @@ class Bodies:
         tensors = np.array(list(map(attrgetter(name), self.meshes)), dtype=np.float64)
         return np.ascontiguousarray(tensors.reshape(-1, 9).T)
 
+    def _rotated(self, tensor):
+        """Tensors (9, n) in world axes, at the present orientations."""
+        return rotate_tensor(np.array(rotation_matrices(self.orientation)), tensor)
+
     def angular_momenta(self):
         """Angular momenta (3, n) about the COMs, in world axes."""
-        rotation = rotation_matrices(self.orientation)
-        inertia = rotate_tensor(rotation, self._tensors("IT"))
-        return np.stack(mat_vec(inertia, self.angVelocity))
+        return mat_vec(self._rotated(self._tensors("IT")), self.angVelocity)
 
     def set_angular_momenta(self, momenta):
         """Sets the angular velocities of the bodies that are not fixed; momenta : (3, n)."""
-        inverse = rotate_tensor(rotation_matrices(self.orientation), self.restInvInertia)
-        after = np.stack(mat_vec(inverse, momenta))
+        after = mat_vec(self._rotated(self.restInvInertia), momenta)
         self.angVelocity[:] = np.where(self.isFixed, self.angVelocity, after)
 
     def update_rotations(self):
@@ -224,11 +225,11 @@ class Bodies:
         their poses then, (3, n) and (4, n), unless they have a velocity of their own, or have
         jumped by more than their radius.
         """
-        displacement = self.position - position
-        isMoved = displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
-        isMoved &= self.isFixed & ~self.isKinematic
-        isMoved &= np.sqrt((displacement * displacement).sum(axis=0)) <= self.hulls.radius
-        self._end = None
+        self._end, isMoved = None, self.isFixed & ~self.isKinematic
+        if isMoved.any():
+            displacement = self.position - position
+            isMoved &= displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
+            isMoved &= np.sqrt((displacement * displacement).sum(axis=0)) <= self.hulls.radius
         if isMoved.any():
             self._end = isMoved, self.state[:, :-1]
             w, *xyz = multiply(self.orientation, (orientation[0], *-orientation[1:]))
