@@ -110,8 +110,8 @@ def find_sorted(keys, known):
 
 def known_columns(keys, known, table):
     """Columns (k, m) of a table (k, n) for the keys (m,) in the ascending `known`; 0 if absent."""
-    withZeros = np.append(table, np.zeros((len(table), 1)), axis=1)
-    return withZeros.take(find_sorted(keys, known), axis=1)  # -1 is the last column
+    withZeros = np.concatenate((table, np.zeros((len(table), 1))), axis=1)
+    return take(withZeros, find_sorted(keys, known), axis=1)  # -1 is the last column
 
 
 # Number of table entries per block. More leave the processor's cache; fewer cost more calls.

@@ -284,7 +284,7 @@ def _new_manifolds(frames, contacts):
     margin = KEEP * size + take(frames.tiedReach, first) + take(frames.tiedReach, second)
     chosen, isPoint = four_points(row, u, v, height2 - height1, growth, size, margin)
     # a point and its partner lie on one line along the normal
-    u, v, height1, height2 = corners[:, chosen]  # (4, K) each
+    u, v, height1, height2 = take(corners, chosen, axis=1)  # (4, K) each
     flat = tangent[:, None] * u + cross(normal, tangent)[:, None] * v
     point1 = mul_add(flat, height1, normal[:, None]) + t[:, None]
     point2 = mul_add(flat, height2, normal[:, None])

@@ -67,7 +67,9 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     frame, rests = take(frame, island, axis=1), np.bincount(held, minlength=count) > 0
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
-    work = np.where(having(infeasible)[island], 0.0, mass * dot(motion.gravity[:, :-1], way))
+    work = mass * dot(motion.gravity[:, :-1], way)
+    if len(infeasible[0]):
+        work[having(infeasible)[island]] = 0.0
     limit, now = total(0.5 * products(begin, begin) + work), turned(velocity)
     energy = total(0.5 * products(now, now))
     isBound = ~isWorked & having(np.concatenate((touching, infeasible), axis=1))
@@ -117,7 +119,8 @@ def _supports(motion, links, mass, island, count):
     """
     isStill = motion.invMass[links] == 0.0
     some = indices(isStill[0] != isStill[1])
-    body, support = np.where(isStill[0, some], links[::-1, some], links[:, some])
+    ends = take(links, some, axis=1)
+    body, support = np.where(take(isStill[0], some), ends[::-1], ends)
     held, support = island[body], motion.velocity[:, support]
     frame, total = np.zeros((6, count)), np.maximum(np.bincount(island, mass, count), TINY)
     frame[:3] = [np.bincount(island, mass * v, count) / total for v in motion.begin[:3, :-1]]
