@@ -211,7 +211,7 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     size, radius = frames.sizes(first, second)
     change = norm(translation - take(manifolds.translation, moved, axis=1)) + angle * radius
     isValid[moved] = change <= np.where(second == frames.count, FLUSH, KEEP) * size
-    return manifolds.rows(indices(isValid))
+    return manifolds if isValid.all() else manifolds.rows(indices(isValid))
 
 
 def _facing_pairs(frames, first, second, axis):

@@ -11,7 +11,7 @@ GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
 
 
 class PlacedManifolds:
-    """Geometry of manifolds `rows` (M,) in world axes.
+    """Geometry of manifolds `rows` (M,), ascending, in world axes.
 
     first, second : (M,), bodies; the ground is body n, but GROUND in `other`
     t : (3, M), see `Frames.translations`; normal, tangent1, tangent2 : (3, M), unit
@@ -20,7 +20,8 @@ class PlacedManifolds:
     """
 
     def __init__(self, manifolds, frames, rows):
-        self.rows, self.count, manifolds = rows, len(rows), manifolds.rows(rows)
+        self.rows, self.count = rows, len(rows)
+        manifolds = manifolds if len(rows) == len(manifolds.key) else manifolds.rows(rows)
         self.key, (self.first, self.second) = manifolds.key, manifolds.bodies(frames.count)
         self.start1 = take(frames.position, self.first, axis=1)
         self.t = frames.translations(self.first, self.second)

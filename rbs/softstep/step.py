@@ -31,9 +31,7 @@ from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.rows import inverted
 from rbs.softstep.sleeping import Sleep, beside, connected, wake
 from rbs.softstep.softconstraints import SoftConstraints, changed_ends, constraint_keys
-from rbs.stepping.bodies import snapshot_of
 from rbs.stepping.flight import turned
-from rbs.stepping.meshes import check_numbers
 
 
 def soft_step(step):
@@ -81,7 +79,7 @@ def soft_step(step):
         kept.sleep = sleep.settled(step, frames, motion, isTried)
         isStill = (sleep.isAsleep & kept.sleep.isAsleep) | bodies.isFixed
         kept.manifolds = contacts.store(manifolds, np.concatenate((isStill, [True])))
-        check_numbers(snapshot_of(bodies.state), step.meshes, "contacts and constraints")
+        bodies.check("contacts and constraints")
         kept.constraint, kept.constraintImpulse = constraints, distances.impulse
         kept.rest = None
         bodies.write_back()

@@ -12,7 +12,15 @@ from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_co
 from rbs.geometry.triples import vector
 from rbs.geometry.vectors import indices, mat_vec, ranges, rotate_tensor, row_minima, take
 from rbs.stepping.flight import torque_free_velocities, turned
-from rbs.stepping.meshes import Snapshot, check_distinct, check_start, columns_of, table_of
+from rbs.stepping.meshes import (
+    LARGEST_NUMBER,
+    Snapshot,
+    check_distinct,
+    check_numbers,
+    check_start,
+    columns_of,
+    table_of,
+)
 from rbs.stepping.settings import EARTH
 
 # Bytes. glibc gives large freed arrays back to the system, and each step faults in the same pages
@@ -260,6 +268,11 @@ class Bodies:
         below = indices(lowest <= 0.0)
         b = near[below]
         return b, take(vertices, index[below], axis=1) + take(self.position, b, axis=1)
+
+    def check(self, when):
+        """Raises StateError as `check_numbers`; when : what the step has just done"""
+        if not (np.abs(self.state[:, :-1]) <= LARGEST_NUMBER).all():
+            check_numbers(snapshot_of(self.state), self.meshes, when)
 
     def write_back(self):
         """Stores the state of the meshes; fixed meshes without a velocity keep theirs."""
