@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from operator import attrgetter, is_
+from operator import attrgetter
 
 import numpy as np
 
@@ -60,7 +60,8 @@ class Bodies:
     the meshes do not change. Arrays that a step leaves are never modified.
 
     Of the meshes: vertices (3, ΣV), at rest, those of body b are vertexCount[b] from vertexStart[b]
-    on; memory, what the last step in batches found.
+    on; memory, what the last step in batches found; isLeft, whether one has another table by now;
+    isOutdated, whether somebody has assigned a mass, a tensor or a load since the last step.
 
     Of a step, from `begin` on:
     start : `Snapshot`
@@ -80,8 +81,8 @@ class Bodies:
         check_distinct(meshes)
         np.empty(MOST_KEPT, dtype=np.uint8)  # freed at once, and never touched
         self.meshes, self.memory, self._near = tuple(meshes), None, None
-        self._invITs = [None] * len(meshes)
-        self._lack = [vars(mesh).keys().isdisjoint for mesh in meshes]
+        self.isLeft, self.isOutdated = False, True
+        self._own = [vars(mesh) for mesh in meshes]
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.concatenate([np.zeros((0, 3)), *(m.origVertices for m in meshes)])
@@ -90,6 +91,7 @@ class Bodies:
         self._state, self._rows = np.tile(np.reshape(STILL, (13, 1)), len(meshes) + 1), {}
         for k, mesh in enumerate(meshes):
             vars(mesh).update({name: getattr(mesh, name) for name in ROWS})  # until `begin`
+            mesh._tell_table("isLeft")
             mesh._table, mesh._row = self, k
 
     def snapshot(self):
@@ -104,7 +106,8 @@ class Bodies:
 
     def _present(self):
         """`(state (13, n + 1), meshes)`: the state, and those that have rows of their own."""
-        own = [k for k, lacks in enumerate(self._lack) if not lacks(ROWS)]
+        p, q, v, w = ROWS
+        own = [k for k, m in enumerate(self._own) if p in m or q in m or v in m or w in m]
         state = self._state.copy() if own else self._state
         for name, rows in ROWS.items() if own else ():
             state[rows, own] = columns_of(self.meshes, name, own)
@@ -124,11 +127,10 @@ class Bodies:
             (x, _, z), velocity = vector(ground.position), vector(ground.linVelocity)
             self.state[:9, -1] = x, 0.0, z, *velocity, *vector(ground.angVelocity)
         self.fallRate, self.hulls = math.hypot(*gravity), self._atRest
-        self.invMass = np.array([*map(attrgetter("_invMass"), self.meshes), 0.0])
-        self.isFixed = self.invMass[:-1] == 0.0
+        if self.isOutdated:
+            self._look_up()
         self.isKinematic = self.isFixed & self.velocity.any(axis=0)
-        self.restInvInertia = np.where(self.isFixed, 0.0, self._inverse_tensors())
-        self.isDriven = np.array([m._load is not None for m in self.meshes], dtype=bool)
+        self.restInvInertia = np.where(self.isFixed, 0.0, self._invIT)
         self.acceleration = np.array([*gravity, 0.0, 0.0, 0.0]).reshape(6, 1)
         if self.isDriven.any():  # as by `Mesh.apply_torque`
             load = np.array([np.ravel(m._load or np.zeros(6)) for m in self.meshes]).T
@@ -136,14 +138,14 @@ class Bodies:
             change = self.invMass[:-1] * load[:3], angular
             self.acceleration = self.acceleration + np.concatenate(change)
 
-    def _inverse_tensors(self):
-        """Returns the invIT of all meshes (9, n), and makes them rows of one table."""
-        if not all(map(is_, map(attrgetter("_invIT"), self.meshes), self._invITs)):
-            self._invIT = self._tensors("invIT")
-            self._invITs = list(self._invIT.T.reshape(-1, 3, 3))
-            for mesh, tensor in zip(self.meshes, self._invITs, strict=True):
-                mesh._invIT = tensor
-        return self._invIT
+    def _look_up(self):
+        """Looks up masses and forces of the meshes, and makes their invIT rows of one table."""
+        self.invMass = np.array([*map(attrgetter("_invMass"), self.meshes), 0.0])
+        self.isFixed = self.invMass[:-1] == 0.0
+        self.isDriven = np.array([m._load is not None for m in self.meshes], dtype=bool)
+        self._invIT, self.isOutdated = self._tensors("invIT"), False
+        for mesh, tensor in zip(self.meshes, self._invIT.T.reshape(-1, 3, 3), strict=True):
+            mesh._invIT = tensor
 
     motion, velocity, orientation = (_without_ground(*rows) for rows in ((9,), (3, 9), (9, 13)))
     position, linVelocity, angVelocity = (_without_ground(k, k + 3) for k in (0, 3, 6))
