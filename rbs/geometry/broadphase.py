@@ -174,10 +174,8 @@ def islands(links, isFree):
     island = np.arange(len(isFree))
     while True:
         one, other = take(island, first), take(island, second)
-        low, high = np.minimum(one, other), np.maximum(one, other)
-        if (low == high).all():
+        if not np.count_nonzero(one != other):
             return island
-        np.minimum.at(island, high, low)
-        root = take(island, island)
-        while (root != island).any():
-            island, root = root, take(root, root)
+        np.minimum.at(island, np.maximum(one, other), np.minimum(one, other))
+        for _ in range(len(island).bit_length()):  # each halves the way to the least body
+            island = take(island, island)

@@ -104,7 +104,7 @@ def _make_substep(motion, contacts, distances, h):
         distances.relax(motion, pushed)
         contacts.measure(motion)
     else:
-        motion.integrate(h)
+        motion.displacement += h * motion.rates()
     contacts.relax(motion, unsolved)
 
 
@@ -168,9 +168,6 @@ class Motion:
         once = cross(self.turn, change[3:])
         change[3:] -= 0.5 * once - cross(self.turn, once) / 12.0
         return self.displacement + change
-
-    def integrate(self, h):
-        self.displacement += h * self.rates()
 
     def store(self, bodies):
         """Moves `Bodies` to the end of the step."""
