@@ -16,7 +16,6 @@ from rbs.geometry.vectors import (
     joined,
     known_columns,
     mat_vec,
-    mul_add,
     norm,
     ranges,
     take,
@@ -286,8 +285,8 @@ def _new_manifolds(frames, contacts):
     # a point and its partner lie on one line along the normal
     u, v, height1, height2 = take(corners, chosen, axis=1)  # (4, K) each
     flat = tangent[:, None] * u + cross(normal, tangent)[:, None] * v
-    point1 = mul_add(flat, height1, normal[:, None]) + t[:, None]
-    point2 = mul_add(flat, height2, normal[:, None])
+    point1 = flat + height1 * normal[:, None] + t[:, None]
+    point2 = flat + height2 * normal[:, None]
     rotation1, rotation2 = (take(frames.rotation, bodies, axis=1) for bodies in (first, second))
     return Manifolds(
         key=first * (frames.count + 1) + second,

@@ -94,18 +94,19 @@ def bounded_share(motion, touching, normal, tied, infeasible):
         part = np.maximum((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0)
         share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
 
-    asked, along, shrink = indices(isOver & rests), np.zeros((6, count)), np.ones(count)
+    along, isSlowed = np.zeros((6, count)), isOver & rests
     # friction, and links that are no contacts, take momentum in any direction
     isHeldFast = np.bincount(held, ~normal.any(axis=0), count) > 0.0
-    some = indices(isOver & rests & ~isHeldFast)
+    some = indices(isSlowed & ~isHeldFast)
     if len(some):
         mean = np.array([total(mass * v)[some] for v in velocity[:3]]) / total(mass)[some]
         along[:3, some] = _along_supports(mean, normal, held, some, count)
     along = take(along, island, axis=1)
-    own = total(0.5 * mass * dot(along, along))[asked]
-    shrink[asked] = np.maximum(limit[asked] - own, 0.0) / np.maximum(energy[asked] - own, TINY)
+    own = total(0.5 * mass * dot(along, along))
+    left = np.maximum(limit - own, 0.0) / np.maximum(energy - own, TINY)
+    shrink = np.sqrt(np.where(isSlowed, left, 1.0))[island]
     velocity = free + share[:-1] * (velocity - free)
-    motion.velocity[:, :-1] = frame + along + np.sqrt(shrink)[island] * (velocity - along)
+    motion.velocity[:, :-1] = frame + along + shrink * (velocity - along)
     return share
 
 
