@@ -93,8 +93,9 @@ class Frames:
         self.glide = self.displacement[:3]
         drop = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
         self.shift = timeStep * (bodies.linVelocity + drop)
+        # in the frame of the ground, of what is fixed, or else of all bodies
         held = self.glide[:, -1:]
-        if not hasGround:  # in the frame of what is fixed, or else of all bodies
+        if not hasGround:
             isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
             held = self.shift[:, isHeld].mean(axis=1, keepdims=True)
         self.shift -= held

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rbs.geometry.vectors import cross, dot, indices, mat_vec, take
+from rbs.geometry.vectors import cross, dot, mat_vec, take
 from rbs.softstep.manifolds import POINTS
 from rbs.stepping.reports import GROUND
 
@@ -46,13 +46,10 @@ class PlacedManifolds:
         A manifold's friction is divided in proportion to the normal impulses of its points.
         """
         impulse, load = total[:POINTS], np.add.reduce(total[:POINTS])
-        isShown = (impulse > 0.0) | (self.isPoint & (self.gap <= 0.0))
-        place = indices(isShown.reshape(-1))
-        m = place % max(self.count, 1)
+        k, m = ((impulse > 0.0) | (self.isPoint & (self.gap <= 0.0))).nonzero()
         share = total[POINTS:] / np.where(load > 0.0, load, 1.0)
         friction = take(self.tangent1 * share[0] + self.tangent2 * share[1], m, axis=1)
-        impulse, arm = take(impulse, place), take(self.arm.reshape(3, -1), place, axis=1)
-        depth = np.maximum(-take(self.gap, place), 0.0)
-        normal, point = take(self.normal, m, axis=1), take(self.start1, m, axis=1) + arm
+        impulse, arm = impulse[k, m], self.arm[:, k, m]
+        depth, point = np.maximum(-self.gap[k, m], 0.0), take(self.start1, m, axis=1) + arm
         bodies = (take(x, m) for x in (self.key, self.first, self.other))
-        return *bodies, depth, normal, point, impulse, friction * impulse, arm
+        return *bodies, depth, take(self.normal, m, axis=1), point, impulse, friction * impulse, arm

@@ -82,7 +82,7 @@ class Bodies:
         np.empty(MOST_KEPT, dtype=np.uint8)  # freed at once, and never touched
         self.meshes, self.memory, self._near = tuple(meshes), None, None
         self.isLeft, self.isOutdated = False, True
-        self._own = [vars(mesh) for mesh in meshes]
+        self._attributes = [vars(mesh) for mesh in meshes]
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.concatenate([np.zeros((0, 3)), *(m.origVertices for m in meshes)])
@@ -107,7 +107,7 @@ class Bodies:
     def _present(self):
         """`(state (13, n + 1), meshes)`: the state, and those that have rows of their own."""
         p, q, v, w = ROWS
-        own = [k for k, m in enumerate(self._own) if p in m or q in m or v in m or w in m]
+        own = [k for k, m in enumerate(self._attributes) if p in m or q in m or v in m or w in m]
         state = self._state.copy() if own else self._state
         for name, rows in ROWS.items() if own else ():
             state[rows, own] = columns_of(self.meshes, name, own)
