@@ -140,10 +140,6 @@ class Frames:
         """Returns the lesser thickness and the lesser radius of the two hulls, (2, P)."""
         return np.minimum(take(self._sizes, first, axis=1), take(self._sizes, second, axis=1))
 
-    def slop(self, first, second):
-        """Returns the depth (P,) up to which two bodies touch, and do not overlap."""
-        return FLUSH * self.sizes(first, second)[1]
-
     def translations(self, first, second):
         """Vectors (3, P) from the first COM to the second, or to the ground right below."""
         t = take(self.position, second, axis=1) - take(self.position, first, axis=1)
@@ -222,18 +218,17 @@ def _facing_pairs(frames, first, second, axis):
     A pair with a separating axis, now and after the flight, has no contact.
     """
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
-    axis, size = pairs.axis, frames.sizes(first, second)[0]
+    axis, (size, radius) = pairs.axis, frames.sizes(first, second)
     # a body that withdraws counts as still, because the impulse of another one may stop it
     advance = take(frames.extraReach, first) + take(frames.extraReach, second)
     advance += np.maximum(dot(take(frames.shift, first, axis=1), axis), 0.0)
     advance -= np.minimum(dot(take(frames.shift, second, axis=1), axis), 0.0)
     near = indices(pairs.penetration >= -(advance + MARGIN * size))
-    pairs, size = pairs.of(near), size[near]
+    pairs, size, slop = pairs.of(near), size[near], FLUSH * radius[near]
     if len(near) == 0:
         return pairs, axis
     separation = frames.reach[pairs.first] + frames.reach[pairs.second] + MARGIN * size
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
-    slop = frames.slop(pairs.first, pairs.second)
     penetration, normal = contact_normals(pairs, separation, approach, slop)
     pairs.axis = axis[:, near] = normal
     return pairs.of(indices(penetration >= -separation)), axis
