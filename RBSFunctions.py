@@ -326,6 +326,7 @@ class Mesh(MeshTools):
         isFixed: bool,
     ) -> None:
         self.name = name
+        self._table, self._row = None, 0  # where a step on arrays has left the state
         self._origVertices = self._numbers("origVertices", origVertices, 3)
         self.givenVertices = self._origVertices  # as they were given, not relative to the COM
         self._faces = self._numbers("faces", faces, 3, dtype=np.int64)
@@ -348,7 +349,6 @@ class Mesh(MeshTools):
             shape.flags.writeable = False
         self.isFixed, self.load = isFixed, None
         self.cachedAxes = {}
-        self._table, self._row = None, 0  # where a step on arrays has left the state
         # each with the bytes of its pose
         self._rotatedHull = self._currVertices = None, None
 

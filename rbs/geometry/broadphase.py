@@ -169,14 +169,13 @@ def islands(links, isFree):
     links : (2, L), connected bodies; n or -1 is the ground
     isFree : (n,) bool; other bodies, and the ground, connect nothing
     """
-    some = indices(np.logical_and(*np.append(isFree, False)[links]))
+    some = indices(take(np.concatenate((isFree, [False])), links).all(axis=0))
     first, second = take(links, some, axis=1)
     island = np.arange(len(isFree))
     while True:
         one, other = take(island, first), take(island, second)
-        low, high = np.minimum(one, other), np.maximum(one, other)
-        if (low == high).all():
+        if not np.count_nonzero(one != other):
             return island
-        np.minimum.at(island, high, low)
-        while (island[island] != island).any():
-            island = island[island]
+        np.minimum.at(island, np.maximum(one, other), np.minimum(one, other))
+        for _ in range(len(island).bit_length()):  # each halves the way to the least body
+            island = take(island, island)

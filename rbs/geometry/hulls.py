@@ -264,7 +264,7 @@ class HullSet:
 
 def rotate_columns(rotation, table, count):
     """Rotates a table (3, K) with count[b] columns for each body b by its matrix rotation[:, b]."""
-    return np.stack([dot(rotation[k : k + 3].repeat(count, axis=1), table) for k in (0, 3, 6)])
+    return np.array([dot(rotation[k : k + 3].repeat(count, axis=1), table) for k in (0, 3, 6)])
 
 
 def face_corners(hulls, bodies, face):

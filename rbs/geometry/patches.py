@@ -104,16 +104,19 @@ def overlap_corners(polygons, slack):
     p, half = polygons, len(slack)
     (start, count), rowA = (x[half:] for x in (p.start, p.count)), p.row[: p.count[:half].sum()]
     # all pairs of a corner i of a, with the side after it, and a corner j of b
-    i, j = ranges(take(start, rowA), take(count, rowA))
-    place = take(count, rowA).cumsum() - take(start + count, rowA)
+    length = take(count, rowA)
+    i, j = ranges(take(start, rowA), length)
+    place = length.cumsum() - take(start + count, rowA)
     du, dv = take(p.uv, j, axis=1) - take(p.uv, i, axis=1)
     (sideAu, sideAv), (sideBu, sideBv) = take(p.side, i, axis=1), take(p.side, j, axis=1)
     # twice the signed areas: positive if a is inside the side of b, and b inside that of a
     insideB = sideBu * dv - sideBv * du
     insideA = sideAu * dv - sideAv * du
     least = -take(np.concatenate((slack, slack)), p.row) * p.length
-    isOut = np.concatenate((insideB < take(least, j), insideA < take(least, i)))
-    corners = indices(np.bincount(np.concatenate((i, j)), isOut, len(p.row)) == 0)
+    isInside = np.ones(len(p.row), dtype=bool)
+    isInside[take(i, indices(insideB < take(least, j)))] = False
+    isInside[take(j, indices(insideA < take(least, i)))] = False
+    corners = indices(isInside)
     # two sides cross if the ends of each lie on different sides of the other
     headA = take(insideB, take(place, take(p.next, i)) + j)
     headB = take(insideA, take(place, i) + take(p.next, j))

@@ -7,10 +7,10 @@ products are written out, without BLAS, `einsum` or pairwise summation.
 
 import numpy as np
 
-from rbs.geometry.triples import rotate_tensor as rotate_tensor  # works on arrays, too
-
 # Indices of the components x y z x y, in which the factors of a vector product are adjacent.
 _CYCLE = np.array([0, 1, 2, 0, 1])
+# Of the entries of a symmetric matrix, those on and below the diagonal, twice.
+_LOWER = np.array([0, 3, 6, 3, 4, 7, 6, 7, 8])
 
 
 def mul_add(v, factor, direction):
@@ -57,9 +57,14 @@ def vec_mat(v, matrix):
     return result
 
 
-def take(table, index, axis=None):
-    """`table.take(index, axis)`: contiguous, so that what follows is faster than on a view."""
-    return table.take(index, axis)
+def rotate_tensor(rotation, tensor):
+    """R T Rᵀ for symmetric tensors T, (9, n) each; symmetric to the last bit."""
+    ofRows = vec_mat(rotation.reshape(3, 3, -1).swapaxes(0, 1), tensor[:, None])  # rows of R T
+    return take(mat_vec(rotation[:, None], ofRows).reshape(9, -1), _LOWER, axis=0)
+
+
+# `take(table, index, axis)` is contiguous, so that what follows is faster than on a view.
+take = np.ndarray.take
 
 
 def indices(mask):
@@ -105,8 +110,8 @@ def find_sorted(keys, known):
 
 def known_columns(keys, known, table):
     """Columns (k, m) of a table (k, n) for the keys (m,) in the ascending `known`; 0 if absent."""
-    withZeros = np.append(table, np.zeros((len(table), 1)), axis=1)
-    return withZeros.take(find_sorted(keys, known), axis=1)  # -1 is the last column
+    withZeros = np.concatenate((table, np.zeros((len(table), 1))), axis=1)
+    return take(withZeros, find_sorted(keys, known), axis=1)  # -1 is the last column
 
 
 # Number of table entries per block. More leave the processor's cache; fewer cost more calls.

@@ -16,7 +16,6 @@ from rbs.geometry.vectors import (
     joined,
     known_columns,
     mat_vec,
-    mul_add,
     norm,
     ranges,
     take,
@@ -85,8 +84,8 @@ class Frames:
         self.bodies, self.hulls, self.count = bodies, bodies.hulls, len(bodies.meshes)
         self.position, self.velocity = bodies.state[:3], bodies.state[3:9]
         self.orientation, self.rotation = bodies.state[9:], bodies.rotation
-        sizes = np.array((self.hulls.thickness, self.hulls.radius))
-        self._sizes = np.column_stack((sizes, (np.inf, np.inf)))
+        self._sizes = np.full((2, self.count + 1), np.inf)
+        self._sizes[:, :-1] = self.hulls.thickness, self.hulls.radius
         self.thickness, self.radius = self._sizes
         self.timeStep, self.hasGround = timeStep, hasGround
         self.isGroundMoving = self.velocity[:, -1].any()
@@ -95,9 +94,11 @@ class Frames:
         drop = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
         self.shift = timeStep * (bodies.linVelocity + drop)
         # in the frame of the ground, of what is fixed, or else of all bodies
-        isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
-        held = self.glide[:, -1:] if hasGround else self.shift[:, isHeld]
-        self.shift -= held.mean(axis=1, keepdims=True)
+        held = self.glide[:, -1:]
+        if not hasGround:
+            isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
+            held = self.shift[:, isHeld].mean(axis=1, keepdims=True)
+        self.shift -= held
         turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
         self.spinReach = norm(turn) * self.hulls.radius
 
@@ -115,7 +116,7 @@ class Frames:
         island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
         isFree = (np.bincount(island, isHeld) == 0.0)[island]
         if isFree[near].any():
-            total = np.stack([np.bincount(island, x)[island] for x in self.shift])
+            total = np.array([np.bincount(island, x)[island] for x in self.shift])
             self.shift -= np.where(isFree, total / np.bincount(island)[island], 0.0)
             self._place_boxes(tied)
             near = overlapping(self.box, *near)
@@ -123,7 +124,7 @@ class Frames:
 
     def _place_boxes(self, tied):
         """Sets `reach` and `box` for the present `shift`; returns the margin (n,)."""
-        own = np.append(norm(self.shift) + self.spinReach, 0.0)
+        own = np.concatenate((norm(self.shift) + self.spinReach, [0.0]))
         self.tiedReach = np.zeros(self.count + 1)
         # constraints may make a body as fast as the one it is tied to
         np.maximum.at(self.tiedReach, tied, own[tied[::-1]])
@@ -138,10 +139,6 @@ class Frames:
     def sizes(self, first, second):
         """Returns the lesser thickness and the lesser radius of the two hulls, (2, P)."""
         return np.minimum(take(self._sizes, first, axis=1), take(self._sizes, second, axis=1))
-
-    def slop(self, first, second):
-        """Returns the depth (P,) up to which two bodies touch, and do not overlap."""
-        return FLUSH * self.sizes(first, second)[1]
 
     def translations(self, first, second):
         """Vectors (3, P) from the first COM to the second, or to the ground right below."""
@@ -173,10 +170,12 @@ def detect(step, frames, kept, isDisturbed, tied):
     axis = known_columns(key, kept.pairKey, kept.pairAxis)
     valid = _valid_manifolds(kept.manifolds, frames, key, isStill)
     asked = indices(find_sorted(key, valid.key) < 0)
-    ground = _ground_contacts(frames, valid)
+    landing = indices(frames.isNearGround)
+    landing = landing[find_sorted(landing * (frames.count + 1) + frames.count, valid.key) < 0]
     kept.pairKey, kept.pairAxis = key, axis
-    if len(asked) + len(ground.first) == 0:
+    if len(asked) + len(landing) == 0:
         return valid
+    ground = _ground_contacts(frames, landing)
     pairs, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
     contacts = _with_pairs(frames, pairs, valid, ground) if len(pairs.first) else ground
     new = _new_manifolds(frames, contacts)
@@ -193,9 +192,9 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     nearKey : (Q,), sorted keys of the near pairs of which one body moves; isStill : as for `detect`
     """
     ends = manifolds.bodies(frames.count)
-    isValid = np.append(isStill, True)[ends].all(axis=0)
+    isValid = take(np.concatenate((isStill, [True])), ends).all(axis=0)
     isNear = find_sorted(manifolds.key, nearKey) >= 0
-    isNear |= (ends[1] == frames.count) & np.append(frames.isNearGround, False)[ends[0]]
+    isNear |= (ends[1] == frames.count) & take(frames.isNearGround, ends[0])
     moved = indices(~isValid & isNear)
     first, second = take(ends, moved, axis=1)
     rotation1 = take(frames.rotation, first, axis=1)
@@ -208,7 +207,7 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     size, radius = frames.sizes(first, second)
     change = norm(translation - take(manifolds.translation, moved, axis=1)) + angle * radius
     isValid[moved] = change <= np.where(second == frames.count, FLUSH, KEEP) * size
-    return manifolds.rows(indices(isValid))
+    return manifolds if isValid.all() else manifolds.rows(indices(isValid))
 
 
 def _facing_pairs(frames, first, second, axis):
@@ -219,18 +218,17 @@ def _facing_pairs(frames, first, second, axis):
     A pair with a separating axis, now and after the flight, has no contact.
     """
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
-    axis, size = pairs.axis, frames.sizes(first, second)[0]
+    axis, (size, radius) = pairs.axis, frames.sizes(first, second)
     # a body that withdraws counts as still, because the impulse of another one may stop it
     advance = take(frames.extraReach, first) + take(frames.extraReach, second)
     advance += np.maximum(dot(take(frames.shift, first, axis=1), axis), 0.0)
     advance -= np.minimum(dot(take(frames.shift, second, axis=1), axis), 0.0)
     near = indices(pairs.penetration >= -(advance + MARGIN * size))
-    pairs, size = pairs.of(near), size[near]
+    pairs, size, slop = pairs.of(near), size[near], FLUSH * radius[near]
     if len(near) == 0:
         return pairs, axis
     separation = frames.reach[pairs.first] + frames.reach[pairs.second] + MARGIN * size
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
-    slop = frames.slop(pairs.first, pairs.second)
     penetration, normal = contact_normals(pairs, separation, approach, slop)
     pairs.axis = axis[:, near] = normal
     return pairs.of(indices(penetration >= -separation)), axis
@@ -258,12 +256,8 @@ def _with_pairs(frames, pairs, valid, ground):
     return Contacts(*joined(ground, (*found, row, take(corners, kept, axis=1))))
 
 
-def _ground_contacts(frames, valid):
-    """`Contacts` with the ground of bodies that have none in the valid `Manifolds`."""
-    first, second = valid.bodies(frames.count)
-    isAsked = frames.isNearGround.copy()
-    isAsked[first[second == frames.count]] = False
-    body = indices(isAsked)
+def _ground_contacts(frames, body):
+    """`Contacts` of the bodies (K,) with the ground."""
     ground = np.full(len(body), frames.count)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
     hulls = frames.hulls
@@ -285,10 +279,10 @@ def _new_manifolds(frames, contacts):
     margin = KEEP * size + take(frames.tiedReach, first) + take(frames.tiedReach, second)
     chosen, isPoint = four_points(row, u, v, height2 - height1, growth, size, margin)
     # a point and its partner lie on one line along the normal
-    u, v, height1, height2 = corners[:, chosen]  # (4, K) each
+    u, v, height1, height2 = take(corners, chosen, axis=1)  # (4, K) each
     flat = tangent[:, None] * u + cross(normal, tangent)[:, None] * v
-    point1 = mul_add(flat, height1, normal[:, None]) + t[:, None]
-    point2 = mul_add(flat, height2, normal[:, None])
+    point1 = flat + height1 * normal[:, None] + t[:, None]
+    point2 = flat + height2 * normal[:, None]
     rotation1, rotation2 = (take(frames.rotation, bodies, axis=1) for bodies in (first, second))
     return Manifolds(
         key=first * (frames.count + 1) + second,

@@ -9,7 +9,7 @@ Without a bound, a heavy body squeezes out a light one that it rests on.
 import numpy as np
 
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import dot, indices, mat_vec, vec_mat
+from rbs.geometry.vectors import dot, indices, mat_vec, take, vec_mat
 from rbs.softstep.manifolds import ROUNDING, TINY
 from rbs.softstep.rows import inverted
 from rbs.stepping.flight import turn_matrix
@@ -39,8 +39,8 @@ def bounded_share(motion, touching, normal, tied, infeasible):
         return share
     isMovable, links = motion.invMass[:-1] > 0.0, np.concatenate((touching, tied), axis=1)
     mass, inertia = 1.0 / np.where(isMovable, motion.invMass[:-1], np.inf), motion.inertia
-    turn, island = np.stack(turn_matrix(motion.turn[:, :-1])), islands(links, isMovable)
-    count = int(island.max()) + 1
+    turn, island = np.array(turn_matrix(motion.turn[:, :-1])), islands(links, isMovable)
+    count = len(island)
 
     def total(x):
         """Sums (I,) over the bodies of each island."""
@@ -62,13 +62,17 @@ def bounded_share(motion, touching, normal, tied, infeasible):
         return np.concatenate((v[:3], mat_vec(inverse, momentum)))
 
     some, held, frame, isWorked = _supports(motion, links, mass, island, count)
-    frame, rests = frame[:, island], np.bincount(held, minlength=count) > 0
+    normal = np.concatenate((normal, np.zeros((3, len(tied[0])))), axis=1)
+    normal = take(normal, some, axis=1)  # of what islands rest on
+    frame, rests = take(frame, island, axis=1), np.bincount(held, minlength=count) > 0
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
-    work = np.where(having(infeasible)[island], 0.0, mass * dot(motion.gravity[:, :-1], way))
+    work = mass * dot(motion.gravity[:, :-1], way)
+    if len(infeasible[0]):
+        work[having(infeasible)[island]] = 0.0
     limit, now = total(0.5 * products(begin, begin) + work), turned(velocity)
     energy = total(0.5 * products(now, now))
-    isBound = ~isWorked & (having(touching) | having(infeasible))
+    isBound = ~isWorked & having(np.concatenate((touching, infeasible), axis=1))
     isOver = isBound & (energy > limit)
     if not (isOver.any() or isTumbling):
         return share
@@ -76,28 +80,33 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     # b s + a s²
     free = begin.copy()
     free[:3] += motion.timeStep * motion.gravity[:, :-1]
-    atFree = turned(free)
-    change = now - atFree
-    a, b = total(0.5 * products(change, change)), total(products(atFree, change))
-    if isTumbling:  # as they turn on, bodies that have bounced keep what the impulses have left
-        isElastic = isBound & (a > 0.0) & (b > -BOUNCED * a)
-        kept = total(0.5 * products(velocity, velocity))
-        limit = np.where(isElastic, np.minimum(limit, kept), limit)
-        isOver |= isElastic
-    left = limit - total(0.5 * products(atFree, atFree))
-    root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
-    part = np.maximum((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0)
-    share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
+    if isTumbling or (isOver & ~rests).any():
+        atFree = turned(free)
+        change = now - atFree
+        a, b = total(0.5 * products(change, change)), total(products(atFree, change))
+        if isTumbling:  # as they turn on, bodies that have bounced keep what impulses have left
+            isElastic = isBound & (a > 0.0) & (b > -BOUNCED * a)
+            kept = total(0.5 * products(velocity, velocity))
+            limit = np.where(isElastic, np.minimum(limit, kept), limit)
+            isOver |= isElastic
+        left = limit - total(0.5 * products(atFree, atFree))
+        root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
+        part = np.maximum((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0)
+        share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
 
-    asked, along, shrink = indices(isOver & rests), np.zeros((6, count)), np.ones(count)
-    if len(asked):
-        mean = np.array([total(mass * v)[asked] for v in velocity[:3]]) / total(mass)[asked]
-        along[:3, asked] = _along_supports(mean, links, normal, some, held, asked, count)
-    along = along[:, island]
-    own = total(0.5 * mass * dot(along, along))[asked]
-    shrink[asked] = np.maximum(limit[asked] - own, 0.0) / np.maximum(energy[asked] - own, TINY)
+    along, isSlowed = np.zeros((6, count)), isOver & rests
+    # friction, and links that are no contacts, take momentum in any direction
+    isHeldFast = np.bincount(held, ~normal.any(axis=0), count) > 0.0
+    some = indices(isSlowed & ~isHeldFast)
+    if len(some):
+        mean = np.array([total(mass * v)[some] for v in velocity[:3]]) / total(mass)[some]
+        along[:3, some] = _along_supports(mean, normal, held, some, count)
+    along = take(along, island, axis=1)
+    own = total(0.5 * mass * dot(along, along))
+    left = np.maximum(limit - own, 0.0) / np.maximum(energy - own, TINY)
+    shrink = np.sqrt(np.where(isSlowed, left, 1.0))[island]
     velocity = free + share[:-1] * (velocity - free)
-    motion.velocity[:, :-1] = frame + along + np.sqrt(shrink)[island] * (velocity - along)
+    motion.velocity[:, :-1] = frame + along + shrink * (velocity - along)
     return share
 
 
@@ -111,7 +120,8 @@ def _supports(motion, links, mass, island, count):
     """
     isStill = motion.invMass[links] == 0.0
     some = indices(isStill[0] != isStill[1])
-    body, support = np.where(isStill[0, some], links[::-1, some], links[:, some])
+    ends = take(links, some, axis=1)
+    body, support = np.where(take(isStill[0], some), ends[::-1], ends)
     held, support = island[body], motion.velocity[:, support]
     frame, total = np.zeros((6, count)), np.maximum(np.bincount(island, mass, count), TINY)
     frame[:3] = [np.bincount(island, mass * v, count) / total for v in motion.begin[:3, :-1]]
@@ -121,18 +131,14 @@ def _supports(motion, links, mass, island, count):
     return some, held, frame, isWorked
 
 
-def _along_supports(mean, links, normal, some, held, asked, count):
-    """Parts (3, K) of the mean velocities of the islands asked (K,) along all that they rest on.
+def _along_supports(mean, normal, held, some, count):
+    """Parts (3, K) of the mean velocities (3, K) of some islands (K,), of `count`, along all that
+    they rest on without friction. They stay.
 
-    They stay. Friction, and links that are no contacts, take momentum in any direction.
-
-    mean : (3, K); links, normal : the first C of the links are contacts, as for `bounded_share`
-    some, held : from `_supports`; count : of all islands
+    normal, held : (3, L), (L,), of what islands rest on, and these
     """
-    axes, contacts = np.eye(3)[:, :, None].repeat(len(links[0]), axis=2), len(normal[0])
-    axes[..., :contacts] *= 1.0 - dot(normal, normal)
-    axes[..., :contacts] += normal[:, None] * normal
-    blocked = [np.bincount(held, axis, count)[asked] for axis in axes.reshape(9, -1)[:, some]]
+    axes = np.eye(3)[:, :, None] * (1.0 - dot(normal, normal)) + normal[:, None] * normal
+    blocked = [np.bincount(held, axis, count)[some] for axis in axes.reshape(9, -1)]
     values, vectors = np.linalg.eigh(np.transpose(blocked).reshape(-1, 3, 3))
     vectors *= (values <= ROUNDING * values[:, 2:])[:, None]
     return np.einsum("iak,ibk,bi->ai", vectors, vectors, mean)

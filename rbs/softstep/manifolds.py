@@ -85,9 +85,10 @@ class Manifolds(SimpleNamespace):
         # of squares; equal ones may not differ by rounding
         grain = ROUNDING * np.maximum(dot(old.translation, old.translation), TINY)
         impulse, isLeft = np.zeros(isPoint.shape), old.isPoint.copy()
+        away = anchor[:, :, None] - old.anchor1[:, None]
+        away = np.rint(dot(away, away) / grain)
         for k in range(POINTS):
-            away = anchor[:, k, None] - old.anchor1
-            distance = np.where(isLeft, np.round(dot(away, away) / grain), np.inf)
+            distance = np.where(isLeft, away[k], np.inf)
             nearest = distance.argmin(axis=0) * len(mine) + column
             inherits = isPoint[k] & take(isLeft, nearest)
             impulse[k] = np.where(inherits, take(old.impulse, nearest), 0.0)
@@ -209,7 +210,7 @@ def four_points(row, u, v, separation, growth, size, margin):
     """
     count, grain = np.bincount(row), take(ROUNDING * size, row)
     later = separation + growth
-    first, following = (row_minima(np.round(x / grain), count)[1] for x in (separation, later))
+    first, following = (row_minima(np.rint(x / grain), count)[1] for x in (separation, later))
     height = separation - take(np.maximum(separation[first], 0.0), row)
     height = np.maximum(np.minimum(height, later - take(later[following], row)), 0.0)
     # others still come down by as much as the deepest point would go on, if it met nothing
@@ -226,7 +227,7 @@ def four_points(row, u, v, separation, growth, size, margin):
 
     def farthest(measure):
         """Returns the point (K,) of each row with the largest measure, and that measure."""
-        point = row_minima(np.round(-weight * measure / grain), count)[1]
+        point = row_minima(np.rint(-weight * measure / grain), count)[1]
         return point, measure[point]
 
     def area(q):

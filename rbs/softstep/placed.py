@@ -11,7 +11,7 @@ GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
 
 
 class PlacedManifolds:
-    """Geometry of manifolds `rows` (M,) in world axes.
+    """Geometry of manifolds `rows` (M,), ascending, in world axes.
 
     first, second : (M,), bodies; the ground is body n, but GROUND in `other`
     t : (3, M), see `Frames.translations`; normal, tangent1, tangent2 : (3, M), unit
@@ -20,13 +20,14 @@ class PlacedManifolds:
     """
 
     def __init__(self, manifolds, frames, rows):
-        self.rows, self.count, manifolds = rows, len(rows), manifolds.rows(rows)
+        self.rows, self.count = rows, len(rows)
+        manifolds = manifolds if len(rows) == len(manifolds.key) else manifolds.rows(rows)
         self.key, (self.first, self.second) = manifolds.key, manifolds.bodies(frames.count)
         self.start1 = take(frames.position, self.first, axis=1)
         self.t = frames.translations(self.first, self.second)
         self.isPoint = manifolds.isPoint
-        axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
-        vectors = np.concatenate((axes, manifolds.anchor1), axis=1)
+        axes = manifolds.normal[:, None], manifolds.tangent[:, None]
+        vectors = np.concatenate((*axes, manifolds.anchor1), axis=1)
         turned = mat_vec(take(frames.rotation, self.first, axis=1)[:, None], vectors)
         isOnGround = self.second == frames.count
         self.other = np.where(isOnGround, GROUND, self.second)
@@ -45,10 +46,10 @@ class PlacedManifolds:
         A manifold's friction is divided in proportion to the normal impulses of its points.
         """
         impulse, load = total[:POINTS], np.add.reduce(total[:POINTS])
-        k, m = np.nonzero((impulse > 0.0) | (self.isPoint & (self.gap <= 0.0)))
+        k, m = ((impulse > 0.0) | (self.isPoint & (self.gap <= 0.0))).nonzero()
         share = total[POINTS:] / np.where(load > 0.0, load, 1.0)
-        friction = self.tangent1 * share[0] + self.tangent2 * share[1]
+        friction = take(self.tangent1 * share[0] + self.tangent2 * share[1], m, axis=1)
         impulse, arm = impulse[k, m], self.arm[:, k, m]
-        depth, point = np.maximum(-self.gap[k, m], 0.0), self.start1[:, m] + arm
-        bodies = self.key[m], self.first[m], self.other[m]
-        return *bodies, depth, self.normal[:, m], point, impulse, friction[:, m] * impulse, arm
+        depth, point = np.maximum(-self.gap[k, m], 0.0), take(self.start1, m, axis=1) + arm
+        bodies = (take(x, m) for x in (self.key, self.first, self.other))
+        return *bodies, depth, take(self.normal, m, axis=1), point, impulse, friction * impulse, arm

@@ -31,9 +31,7 @@ from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.rows import inverted
 from rbs.softstep.sleeping import Sleep, beside, connected, wake
 from rbs.softstep.softconstraints import SoftConstraints, changed_ends, constraint_keys
-from rbs.stepping.bodies import snapshot_of
 from rbs.stepping.flight import turned
-from rbs.stepping.meshes import check_numbers
 
 
 def soft_step(step):
@@ -80,8 +78,8 @@ def soft_step(step):
         motion.store(bodies)
         kept.sleep = sleep.settled(step, frames, motion, isTried)
         isStill = (sleep.isAsleep & kept.sleep.isAsleep) | bodies.isFixed
-        kept.manifolds = contacts.store(manifolds, np.append(isStill, True))
-        check_numbers(snapshot_of(bodies.state), step.meshes, "contacts and constraints")
+        kept.manifolds = contacts.store(manifolds, np.concatenate((isStill, [True])))
+        bodies.check("contacts and constraints")
         kept.constraint, kept.constraintImpulse = constraints, distances.impulse
         kept.rest = None
         bodies.write_back()
@@ -106,7 +104,7 @@ def _make_substep(motion, contacts, distances, h):
         distances.relax(motion, pushed)
         contacts.measure(motion)
     else:
-        motion.integrate(h)
+        motion.displacement += h * motion.rates()
     contacts.relax(motion, unsolved)
 
 
@@ -132,12 +130,12 @@ class Motion:
         bodies, self.timeStep = frames.bodies, frames.timeStep
         self.fallRate = bodies.fallRate
         isMoving = ~(isAsleep | bodies.isFixed) | bodies.isKinematic
-        self.moving = indices(np.append(isMoving, frames.isGroundMoving))
+        self.moving = indices(np.concatenate((isMoving, [frames.isGroundMoving])))
         self.bodies, count = self.moving[self.moving < frames.count], len(self.moving)
         self.column = np.full(frames.count + 1, count)
         self.column[self.moving] = np.arange(count)
         table, some = np.zeros((22, count + 1)), slice(len(self.bodies))
-        self.velocity, self.inverse, self.acceleration = np.split(table, (6, 16))
+        self.velocity, self.inverse, self.acceleration = table[:6], table[6:16], table[16:]
         self.invMass, self.invInertia = self.inverse[0], self.inverse[1:]
         self.gravity, self.spinUp = self.acceleration[:3], self.acceleration[3:]
         self.velocity[:, :-1] = take(frames.velocity, self.moving, axis=1)
@@ -170,9 +168,6 @@ class Motion:
         once = cross(self.turn, change[3:])
         change[3:] -= 0.5 * once - cross(self.turn, once) / 12.0
         return self.displacement + change
-
-    def integrate(self, h):
-        self.displacement += h * self.rates()
 
     def store(self, bodies):
         """Moves `Bodies` to the end of the step."""
@@ -262,8 +257,9 @@ class SolverState:
         isStirred = isChanged | bodies.isDriven | isOther
         ends = changed_ends(constraint, self.constraint)
         isStirred[ends[ends < self.count]] = True
-        isFree = ~bodies.isFixed  # what is tied to such a body wakes with it
-        isStirred |= connected((isStirred | beside(isStirred, tied)) & isFree, isFree, tied)
+        isFree = ~bodies.isFixed
+        if tied.size:  # what is tied to such a body wakes with it
+            isStirred |= connected((isStirred | beside(isStirred, tied)) & isFree, isFree, tied)
         return (isStirred & isFree) | isChanged, ratio
 
     def remove(self, body):

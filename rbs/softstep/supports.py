@@ -58,8 +58,8 @@ def deferring(frames, ends, normal, asked):
     count = len(first)
     rise = dot(m, take(frames.glide, j, axis=1) - take(frames.glide, base, axis=1))
     # the support has sunk about as deep under the body as the body into it
-    slack = frames.slop(take(body, row), j) + 2.0 * np.maximum(take(depth, contact), 0.0)
-    slack -= np.maximum(rise, 0.0)
+    sunk = 2.0 * np.maximum(take(depth, contact), 0.0)
+    slack = FLUSH * frames.sizes(take(body, row), j)[1] + sunk - np.maximum(rise, 0.0)
     slant = np.sqrt(2.0 * FLUSH)  # the angle
     # the extent of j, at least, seen along m and a normal that leans
     extent = (1.0 - slant) * take(frames.thickness, j) - slant * take(frames.radius, j)

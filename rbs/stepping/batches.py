@@ -23,10 +23,8 @@ from rbs.geometry.facets import Facets, Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.patches import contact_points
 from rbs.geometry.vectors import cross, cycled, dot, indices, norm, take
-from rbs.stepping.bodies import snapshot_of
 from rbs.stepping.constraints import linked_keys
 from rbs.stepping.kernels import collide, inverse_effective_mass, position_corrections
-from rbs.stepping.meshes import check_numbers
 from rbs.stepping.reports import GROUND
 
 # Least margin of a body, as a fraction of its radius, and what is added, as a multiple of its
@@ -45,7 +43,7 @@ def resolve_contacts(step):
     bodies, report = step.bodies, step.report
     with report.phase("integrate"):
         bodies.integrate(step.timeStep, step.gyroscopic)
-        check_numbers(snapshot_of(bodies.state), step.meshes, "free flight")
+        bodies.check("free flight")
     with report.phase("collisions"):
         linked = linked_keys(step, len(step.meshes))
         contacts, report.candidatePairs = find_contacts(bodies, linked)
@@ -54,7 +52,7 @@ def resolve_contacts(step):
         if step.groundMesh is not None:
             _resolve_ground(step)
     with report.phase("writeBack"):
-        check_numbers(snapshot_of(bodies.state), step.meshes, "contacts")
+        bodies.check("contacts")
         bodies.write_back()
 
 

@@ -2,17 +2,25 @@
 
 import itertools
 import math
-from operator import attrgetter, is_
+from operator import attrgetter
 
 import numpy as np
 
 from Quaternion import multiply, rotation_matrices
 from rbs.geometry.broadphase import grid_overlaps, overlapping
 from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_columns
-from rbs.geometry.triples import mat_vec, rotate_tensor, vector
-from rbs.geometry.vectors import indices, ranges, row_minima, take
+from rbs.geometry.triples import vector
+from rbs.geometry.vectors import indices, mat_vec, ranges, rotate_tensor, row_minima, take
 from rbs.stepping.flight import torque_free_velocities, turned
-from rbs.stepping.meshes import Snapshot, check_distinct, check_start, columns_of, table_of
+from rbs.stepping.meshes import (
+    LARGEST_NUMBER,
+    Snapshot,
+    check_distinct,
+    check_numbers,
+    check_start,
+    columns_of,
+    table_of,
+)
 from rbs.stepping.settings import EARTH
 
 # Bytes. glibc gives large freed arrays back to the system, and each step faults in the same pages
@@ -52,7 +60,8 @@ class Bodies:
     the meshes do not change. Arrays that a step leaves are never modified.
 
     Of the meshes: vertices (3, ΣV), at rest, those of body b are vertexCount[b] from vertexStart[b]
-    on; memory, what the last step in batches found.
+    on; memory, what the last step in batches found; isLeft, whether one has another table by now;
+    isOutdated, whether somebody has assigned a mass, a tensor or a load since the last step.
 
     Of a step, from `begin` on:
     start : `Snapshot`
@@ -72,8 +81,8 @@ class Bodies:
         check_distinct(meshes)
         np.empty(MOST_KEPT, dtype=np.uint8)  # freed at once, and never touched
         self.meshes, self.memory, self._near = tuple(meshes), None, None
-        self._invITs = [None] * len(meshes)
-        self._lack = [vars(mesh).keys().isdisjoint for mesh in meshes]
+        self.isLeft, self.isOutdated = False, True
+        self._attributes = [vars(mesh) for mesh in meshes]
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.concatenate([np.zeros((0, 3)), *(m.origVertices for m in meshes)])
@@ -82,6 +91,7 @@ class Bodies:
         self._state, self._rows = np.tile(np.reshape(STILL, (13, 1)), len(meshes) + 1), {}
         for k, mesh in enumerate(meshes):
             vars(mesh).update({name: getattr(mesh, name) for name in ROWS})  # until `begin`
+            mesh._tell_table("isLeft")
             mesh._table, mesh._row = self, k
 
     def snapshot(self):
@@ -96,7 +106,8 @@ class Bodies:
 
     def _present(self):
         """`(state (13, n + 1), meshes)`: the state, and those that have rows of their own."""
-        own = [k for k, lacks in enumerate(self._lack) if not lacks(ROWS)]
+        p, q, v, w = ROWS
+        own = [k for k, m in enumerate(self._attributes) if p in m or q in m or v in m or w in m]
         state = self._state.copy() if own else self._state
         for name, rows in ROWS.items() if own else ():
             state[rows, own] = columns_of(self.meshes, name, own)
@@ -116,26 +127,25 @@ class Bodies:
             (x, _, z), velocity = vector(ground.position), vector(ground.linVelocity)
             self.state[:9, -1] = x, 0.0, z, *velocity, *vector(ground.angVelocity)
         self.fallRate, self.hulls = math.hypot(*gravity), self._atRest
-        self.invMass = np.array([*map(attrgetter("_invMass"), self.meshes), 0.0])
-        self.isFixed = self.invMass[:-1] == 0.0
+        if self.isOutdated:
+            self._look_up()
         self.isKinematic = self.isFixed & self.velocity.any(axis=0)
-        self.restInvInertia = np.where(self.isFixed, 0.0, self._inverse_tensors())
-        self.isDriven = np.array([m._load is not None for m in self.meshes], dtype=bool)
+        self.restInvInertia = np.where(self.isFixed, 0.0, self._invIT)
         self.acceleration = np.array([*gravity, 0.0, 0.0, 0.0]).reshape(6, 1)
         if self.isDriven.any():  # as by `Mesh.apply_torque`
             load = np.array([np.ravel(m._load or np.zeros(6)) for m in self.meshes]).T
-            inverse = rotate_tensor(rotation_matrices(self.orientation), self.restInvInertia)
-            change = self.invMass[:-1] * load[:3], np.stack(mat_vec(inverse, load[3:]))
+            angular = mat_vec(self._rotated(self.restInvInertia), load[3:])
+            change = self.invMass[:-1] * load[:3], angular
             self.acceleration = self.acceleration + np.concatenate(change)
 
-    def _inverse_tensors(self):
-        """Returns the invIT of all meshes (9, n), and makes them rows of one table."""
-        if not all(map(is_, map(attrgetter("_invIT"), self.meshes), self._invITs)):
-            self._invIT = self._tensors("invIT")
-            self._invITs = list(self._invIT.T.reshape(-1, 3, 3))
-            for mesh, tensor in zip(self.meshes, self._invITs, strict=True):
-                mesh._invIT = tensor
-        return self._invIT
+    def _look_up(self):
+        """Looks up masses and forces of the meshes, and makes their invIT rows of one table."""
+        self.invMass = np.array([*map(attrgetter("_invMass"), self.meshes), 0.0])
+        self.isFixed = self.invMass[:-1] == 0.0
+        self.isDriven = np.array([m._load is not None for m in self.meshes], dtype=bool)
+        self._invIT, self.isOutdated = self._tensors("invIT"), False
+        for mesh, tensor in zip(self.meshes, self._invIT.T.reshape(-1, 3, 3), strict=True):
+            mesh._invIT = tensor
 
     motion, velocity, orientation = (_without_ground(*rows) for rows in ((9,), (3, 9), (9, 13)))
     position, linVelocity, angVelocity = (_without_ground(k, k + 3) for k in (0, 3, 6))
@@ -143,7 +153,7 @@ class Bodies:
     def arms(self, b, vertex):
         """Vertices (3, …) of the bodies b (…), rotated, relative to the COMs."""
         atRest = take(self.vertices, self.vertexStart[b] + vertex, axis=1)
-        return np.stack(mat_vec(take(self.rotation, b, axis=1), atRest))
+        return mat_vec(take(self.rotation, b, axis=1), atRest)
 
     def integrate(self, timeStep, gyroscopic=False):
         """Integrates free flight, as the methods of `Mesh`; nothing accelerates fixed bodies."""
@@ -177,20 +187,21 @@ class Bodies:
         tensors = np.array(list(map(attrgetter(name), self.meshes)), dtype=np.float64)
         return np.ascontiguousarray(tensors.reshape(-1, 9).T)
 
+    def _rotated(self, tensor):
+        """Tensors (9, n) in world axes, at the present orientations."""
+        return rotate_tensor(np.array(rotation_matrices(self.orientation)), tensor)
+
     def angular_momenta(self):
         """Angular momenta (3, n) about the COMs, in world axes."""
-        rotation = rotation_matrices(self.orientation)
-        inertia = rotate_tensor(rotation, self._tensors("IT"))
-        return np.stack(mat_vec(inertia, self.angVelocity))
+        return mat_vec(self._rotated(self._tensors("IT")), self.angVelocity)
 
     def set_angular_momenta(self, momenta):
         """Sets the angular velocities of the bodies that are not fixed; momenta : (3, n)."""
-        inverse = rotate_tensor(rotation_matrices(self.orientation), self.restInvInertia)
-        after = np.stack(mat_vec(inverse, momenta))
+        after = mat_vec(self._rotated(self.restInvInertia), momenta)
         self.angVelocity[:] = np.where(self.isFixed, self.angVelocity, after)
 
     def update_rotations(self):
-        self.rotation = np.stack(rotation_matrices(self.state[9:]))
+        self.rotation = np.array(rotation_matrices(self.state[9:]))
         rotation = np.ascontiguousarray(self.rotation[:, :-1])
         self.invInertia = np.zeros(self.rotation.shape)
         self.invInertia[:, :-1] = rotate_tensor(rotation, self.restInvInertia)
@@ -199,7 +210,7 @@ class Bodies:
         low = np.minimum.reduceat(corners, starts, axis=1)
         high = np.maximum.reduceat(corners, starts, axis=1)
         self._relativeBox = np.where(self.vertexCount > 0, np.concatenate((low, -high)), np.inf)
-        self.box = self.box_at(np.arange(len(self.meshes)), self.position)
+        self.box = self._relativeBox + np.concatenate((self.position, -self.position))
 
     def box_at(self, b, position):
         """Returns the boxes of the bodies b (m,) at the positions (3, m), as in `box`."""
@@ -224,11 +235,11 @@ class Bodies:
         their poses then, (3, n) and (4, n), unless they have a velocity of their own, or have
         jumped by more than their radius.
         """
-        displacement = self.position - position
-        isMoved = displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
-        isMoved &= self.isFixed & ~self.isKinematic
-        isMoved &= np.sqrt((displacement * displacement).sum(axis=0)) <= self.hulls.radius
-        self._end = None
+        self._end, isMoved = None, self.isFixed & ~self.isKinematic
+        if isMoved.any():
+            displacement = self.position - position
+            isMoved &= displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
+            isMoved &= np.sqrt((displacement * displacement).sum(axis=0)) <= self.hulls.radius
         if isMoved.any():
             self._end = isMoved, self.state[:, :-1]
             w, *xyz = multiply(self.orientation, (orientation[0], *-orientation[1:]))
@@ -259,6 +270,11 @@ class Bodies:
         below = indices(lowest <= 0.0)
         b = near[below]
         return b, take(vertices, index[below], axis=1) + take(self.position, b, axis=1)
+
+    def check(self, when):
+        """Raises StateError as `check_numbers`; when : what the step has just done"""
+        if not (np.abs(self.state[:, :-1]) <= LARGEST_NUMBER).all():
+            check_numbers(snapshot_of(self.state), self.meshes, when)
 
     def write_back(self):
         """Stores the state of the meshes; fixed meshes without a velocity keep theirs."""

@@ -14,7 +14,7 @@ def turned(orientation, angle):
     """Unit orientations (4, n) after rotation by vectors φ (3, n): exp(φ/2) ∘ q."""
     rotation = exponentials((0.0, *(0.5 * angle)))
     w, x, y, z = multiply(rotation, orientation)
-    return np.stack((w, x, y, z)) / np.sqrt(w * w + (x * x + y * y + z * z))
+    return np.array((w, x, y, z)) / np.sqrt(w * w + (x * x + y * y + z * z))
 
 
 def turn_matrix(angle):

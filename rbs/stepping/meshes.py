@@ -133,9 +133,8 @@ def columns_of(meshes, name, some=None):
 def table_of(meshes):
     """Returns the `Bodies` that has the state of exactly these meshes, in this order, or None."""
     table = getattr(meshes[0], "_table", None) if len(meshes) else None
-    if table is None or table.meshes != tuple(meshes):
-        return None
-    return table if all([mesh._table is table for mesh in meshes]) else None
+    isTheirs = table is not None and not table.isLeft and table.meshes == tuple(meshes)
+    return table if isTheirs else None
 
 
 class TableRow:
@@ -177,6 +176,7 @@ def checked(name: str, count: int, width: int) -> Any:
             what = "symmetric and positive definite, or 0"
             raise ValueError(f"mesh {mesh.name}: {name} must be {what}, not {shown_value(value)}")
         setattr(mesh, f"_{name}", numbers)
+        mesh._tell_table("isOutdated")
 
     return property(attrgetter(f"_{name}"), assign)
 
@@ -265,6 +265,12 @@ class MeshTools:
             force, torque = self._numbers("load", value, 3, 2).tolist()
             value = (tuple(force), tuple(torque)) if any(force + torque) else None
         self._load = value
+        self._tell_table("isOutdated")
+
+    def _tell_table(self, what: str) -> None:
+        """Sets a flag of the `Bodies` that has the state, if any: isLeft or isOutdated."""
+        if self._table is not None:
+            setattr(self._table, what, True)
 
     def apply_torque(self, timeStep: float, gravity: tuple) -> tuple:
         """Applies the torque for timeStep seconds: ω ← ω + R I⁻¹ Rᵀ τ h. A fixed mesh stays.
@@ -334,6 +340,7 @@ class MeshTools:
         self._origVertices = vertices
         self._rotatedHull = self._currVertices = None, None
         _state(self)  # the state becomes its own, because the table has the vertices of before
+        self._tell_table("isLeft")
         self._table = None
 
 
