@@ -65,8 +65,10 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     frame, rests = frame[:, island], np.bincount(held, minlength=count) > 0
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
-    work = np.where(having(infeasible)[island], 0.0, mass * dot(motion.gravity[:, :-1], way))
-    limit, now = total(0.5 * products(begin, begin) + work), turned(velocity)
+    before = 0.5 * products(begin, begin) + mass * dot(motion.gravity[:, :-1], way)
+    some_ = infeasible[infeasible < len(island)]
+    before[some_] = 0.25 * products(begin, begin)[some_]
+    limit, now = total(before), turned(velocity)
     energy = total(0.5 * products(now, now))
     isBound = ~isWorked & (having(touching) | having(infeasible))
     isOver = isBound & (energy > limit)

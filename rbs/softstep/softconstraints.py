@@ -57,6 +57,8 @@ class SoftConstraints:
         self.count, self.visits, self.h = len(self.movable), 0, h
         self.columns = take(columns, self.movable, 1)
         if self.count == 0:
+            self.isSlack, self.C = np.zeros(0, bool), np.zeros(0)
+            self.length = self.C
             return
         bodies, vertices = take(bodies, self.movable, 1), take(vertices, self.movable, 1)
         self.lower, self.upper = take(key[4:], self.movable, 1)
@@ -133,12 +135,18 @@ class SoftConstraints:
             more = np.eye(3)[..., None] * (turning[some] - 1.0 / inertia.trace())
             motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
-    def infeasible(self):
-        """Columns of `Motion` (2, I) that infeasible constraints join, see SOFTNESS."""
-        if self.count == 0:
-            return self.columns
-        lever = np.maximum(self.length, self._reach.max(axis=0))
-        return self.columns[:, ~self.isSlack & (np.abs(self.C) > SOFTNESS**2 * lever)]
+    def infeasible(self, motion):
+        """Columns of `Motion` (2, I) that infeasible constraints join, whose errors are not halved
+        if all bodies move so that to first order there are none.
+        """
+        isOff = ~self.isSlack & (np.abs(self.C) > TOLERANCE * self.length)
+        if isOff.any():
+            speed = self.scale * self.C
+            way = self._changes(motion, self._answer(~self.isSlack, speed, ROUNDING))
+            (first, second), _ = self._points(motion.shift + way[:3], way[3:], self._arm)
+            left = np.abs(norm(first - second) - self.length + self.C)
+            isOff &= left > 0.5 * np.abs(self.C)
+        return self.columns[:, isOff]
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
