@@ -21,8 +21,7 @@ from rbs.stepping.kernels import distance_error
 
 # Softness of pushes, as a fraction of each constraint's own response: where infeasible ones push
 # against each other, bodies move across them by the error over the softness. With less, they
-# tremble; with more, the heavy end of a chain is drawn up more slowly, and the chain gives way. A
-# substep leaves this part of a feasible error; what is left after two counts as infeasible.
+# tremble; with more, the heavy end of a chain is drawn up more slowly, and the chain gives way.
 SOFTNESS = 0.1
 
 
@@ -57,8 +56,6 @@ class SoftConstraints:
         self.count, self.visits, self.h = len(self.movable), 0, h
         self.columns = take(columns, self.movable, 1)
         if self.count == 0:
-            self.isSlack, self.C = np.zeros(0, bool), np.zeros(0)
-            self.length = self.C
             return
         bodies, vertices = take(bodies, self.movable, 1), take(vertices, self.movable, 1)
         self.lower, self.upper = take(key[4:], self.movable, 1)
@@ -136,17 +133,24 @@ class SoftConstraints:
             motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
     def infeasible(self, motion):
-        """Columns of `Motion` (2, I) that infeasible constraints join, whose errors are not halved
-        if all bodies move so that to first order there are none.
+        """Columns of `Motion` (2, I) that infeasible constraints join: those whose errors are not
+        halved where two steps of Newton's method, with one J, bring all bodies.
         """
-        isOff = ~self.isSlack & (np.abs(self.C) > TOLERANCE * self.length)
+        if self.count == 0:
+            return self.columns
+        isOff, left, way = self._is_off(), self.C, 0.0
         if isOff.any():
-            speed = self.scale * self.C
-            way = self._changes(motion, self._answer(~self.isSlack, speed, ROUNDING))
-            (first, second), _ = self._points(motion.shift + way[:3], way[3:], self._arm)
-            left = np.abs(norm(first - second) - self.length + self.C)
-            isOff &= left > 0.5 * np.abs(self.C)
+            for _ in range(2):
+                answer = self._answer(~self.isSlack, self.scale * left, ROUNDING)
+                way = way + self._changes(motion, answer)
+                (first, second), _ = self._points(motion.shift + way[:3], way[3:], self._arm)
+                left = norm(first - second) - self.length + self.C
+            isOff &= np.abs(left) > 0.5 * np.abs(self.C)
         return self.columns[:, isOff]
+
+    def _is_off(self):
+        """Whether distances (K,) are beyond their bounds."""
+        return ~self.isSlack & (np.abs(self.C) > TOLERANCE * self.length)
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
@@ -164,8 +168,7 @@ class SoftConstraints:
         impulse = self._solve(motion, np.zeros(self.count), self.scale * error, isNear)
         self.impulse[0, self.movable] = impulse
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
-        isOff = ~self.isSlack & (np.abs(self.C) > TOLERANCE * self.length)
-        pushed = self._changes(motion, self._answer(isOff, speed, SOFTNESS))
+        pushed = self._changes(motion, self._answer(self._is_off(), speed, SOFTNESS))
         motion.velocity += pushed
         return pushed
 
