@@ -69,6 +69,8 @@ class SoftConstraints:
         given = self._column.tobytes(), isMoving.tobytes()
         self.ends, self.rows, self._order, self._bodies, self._which = _paired(*given)
         self._last, lasting = np.abs(self.impulse[:, self.movable])
+        if not np.array_equal(key, kept.constraint):
+            self._last = np.full(self.count, np.inf)
         self._free, self._lasting = motion.inverse.copy(), np.zeros(self.count)
         self._update(motion, lasting)
 
@@ -157,7 +159,7 @@ class SoftConstraints:
         force in the middle of the substep, which also keeps points on the circles on which they
         turn. Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
         """
-        v, h, isNear = motion.rates(), self.h, self.impulse[0, self.movable] != 0.0
+        v, h, isNear = motion.rates(), self.h, np.abs(self.gap) <= TOLERANCE * self.length
         (first, second), _ = self._points(motion.shift + h * v[:3], h * v[3:], self._arm)
         # on the way along the direction d at the start, to the circle of the bound
         way, bound = first - second, self.length - self.gap
@@ -165,7 +167,7 @@ class SoftConstraints:
         excess = size * size - bound * bound
         root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
         error = excess / (h * np.maximum(np.maximum(root, size), TINY))
-        impulse = self._solve(motion, np.zeros(self.count), self.scale * error, isNear)
+        impulse = self._solve(motion, np.zeros(self.count), self.scale * error, isNear | (self.impulse[0, self.movable] != 0.0))
         self.impulse[0, self.movable] = impulse
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
         pushed = self._changes(motion, self._answer(self._is_off(), speed, SOFTNESS))
