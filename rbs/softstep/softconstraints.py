@@ -48,8 +48,8 @@ class SoftConstraints:
     def __init__(self, key, frames, motion, kept, h, ratio):
         """kept : `SolverState`; h, ratio : as for `SoftContacts`"""
         bodies, vertices = (key[k:4:2].astype(np.intp) for k in (0, 1))
-        self.impulse = np.zeros((2, len(key[0])))
-        if np.array_equal(key, kept.constraint):
+        self.impulse, isNew = np.zeros((2, len(key[0]))), not np.array_equal(key, kept.constraint)
+        if not isNew:
             self.impulse[:] = ratio * kept.constraintImpulse
         columns = take(motion.column, bodies)
         self.movable = indices((motion.invMass[columns] > 0.0).any(axis=0))
@@ -69,7 +69,7 @@ class SoftConstraints:
         given = self._column.tobytes(), isMoving.tobytes()
         self.ends, self.rows, self._order, self._bodies, self._which = _paired(*given)
         self._last, lasting = np.abs(self.impulse[:, self.movable])
-        if not np.array_equal(key, kept.constraint):
+        if isNew:  # the first pull counts as one that lasts, or light links would fly off
             self._last = np.full(self.count, np.inf)
         self._free, self._lasting = motion.inverse.copy(), np.zeros(self.count)
         self._update(motion, lasting)
@@ -159,7 +159,9 @@ class SoftConstraints:
         force in the middle of the substep, which also keeps points on the circles on which they
         turn. Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
         """
-        v, h, isNear = motion.rates(), self.h, np.abs(self.gap) <= TOLERANCE * self.length
+        v, h = motion.rates(), self.h
+        isNear = np.abs(self.gap) <= TOLERANCE * self.length  # a whole chain begins to pull at once
+        isNear |= self.impulse[0, self.movable] != 0.0
         (first, second), _ = self._points(motion.shift + h * v[:3], h * v[3:], self._arm)
         # on the way along the direction d at the start, to the circle of the bound
         way, bound = first - second, self.length - self.gap
@@ -167,7 +169,7 @@ class SoftConstraints:
         excess = size * size - bound * bound
         root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
         error = excess / (h * np.maximum(np.maximum(root, size), TINY))
-        impulse = self._solve(motion, np.zeros(self.count), self.scale * error, isNear | (self.impulse[0, self.movable] != 0.0))
+        impulse = self._solve(motion, np.zeros(self.count), self.scale * error, isNear)
         self.impulse[0, self.movable] = impulse
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
         pushed = self._changes(motion, self._answer(self._is_off(), speed, SOFTNESS))
