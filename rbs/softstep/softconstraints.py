@@ -50,7 +50,8 @@ class SoftConstraints:
         bodies, vertices = (key[k:4:2].astype(np.intp) for k in (0, 1))
         self.impulse, isNew = np.zeros((2, len(key[0]))), not np.array_equal(key, kept.constraint)
         if not isNew:
-            self.impulse[:] = ratio * kept.constraintImpulse
+            pull, lasting = kept.constraintImpulse  # the force, and the mass of links, stay
+            self.impulse[:] = ratio * pull, lasting / ratio
         columns = take(motion.column, bodies)
         self.movable = indices((motion.invMass[columns] > 0.0).any(axis=0))
         self.count, self.visits, self.h = len(self.movable), 0, h
@@ -69,6 +70,8 @@ class SoftConstraints:
         given = self._column.tobytes(), isMoving.tobytes()
         self.ends, self.rows, self._order, self._bodies, self._which = _paired(*given)
         self._last, lasting = np.abs(self.impulse[:, self.movable])
+        if ratio > 1.0:
+            lasting = np.maximum(lasting, self._last)
         if isNew:  # the first pull counts as one that lasts, or light links would fly off
             self._last = np.full(self.count, np.inf)
         self._free, self._lasting = motion.inverse.copy(), np.zeros(self.count)
@@ -135,20 +138,21 @@ class SoftConstraints:
             motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
     def infeasible(self, motion):
-        """Columns of `Motion` (2, I) that infeasible constraints join: those whose errors are not
-        halved where two steps of Newton's method, with one J, bring all bodies.
+        """Columns of `Motion` (2, I) that infeasible constraints join: those whose errors Newton's
+        method does not halve. Constraints are at its last poses then.
         """
         if self.count == 0:
             return self.columns
-        isOff, left, way = self._is_off(), self.C, 0.0
-        if isOff.any():
-            for _ in range(2):
-                answer = self._answer(~self.isSlack, self.scale * left, ROUNDING)
-                way = way + self._changes(motion, answer)
-                (first, second), _ = self._points(motion.shift + way[:3], way[3:], self._arm)
-                left = norm(first - second) - self.length + self.C
-            isOff &= np.abs(left) > 0.5 * np.abs(self.C)
-        return self.columns[:, isOff]
+        begin, most, isLeft = motion.displacement.copy(), 0.5 * np.abs(self.C), self._is_off()
+        for _ in range(SWEEPS):
+            if not isLeft.any():
+                break
+            answer = self._answer(~self.isSlack, self.scale * self.C, ROUNDING)
+            motion.displacement += self._changes(motion, answer)
+            self._update(motion, self._lasting)
+            isLeft &= ~self.isSlack & (np.abs(self.C) > most)
+        motion.displacement[:] = begin
+        return self.columns[:, isLeft]
 
     def _is_off(self):
         """Whether distances (K,) are beyond their bounds."""
