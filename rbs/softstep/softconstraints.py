@@ -48,10 +48,13 @@ class SoftConstraints:
     def __init__(self, key, frames, motion, kept, h, ratio):
         """kept : `SolverState`; h, ratio : as for `SoftContacts`"""
         bodies, vertices = (key[k:4:2].astype(np.intp) for k in (0, 1))
-        self.impulse, isNew = np.zeros((2, len(key[0]))), not np.array_equal(key, kept.constraint)
-        if not isNew:
-            pull, lasting = kept.constraintImpulse  # the force, and the mass of links, stay
-            self.impulse[:] = ratio * pull, lasting / ratio
+        self.impulse, isNew = np.zeros((2, len(key[0]))), np.ones(len(key[0]), dtype=bool)
+        before, (pull, lasting) = kept.constraint, kept.constraintImpulse
+        now = last = slice(None)
+        if not np.array_equal(key[:4], before[:4]):
+            now, last = (key[:4, :, None] == before[:4, None]).all(axis=0).nonzero()
+        # the force, and the masses of links, stay
+        self.impulse[:, now], isNew[now] = (ratio * pull[last], lasting[last] / ratio), False
         columns = take(motion.column, bodies)
         self.movable = indices((motion.invMass[columns] > 0.0).any(axis=0))
         self.count, self.visits, self.h = len(self.movable), 0, h
@@ -72,8 +75,8 @@ class SoftConstraints:
         self._last, lasting = np.abs(self.impulse[:, self.movable])
         if ratio > 1.0:
             lasting = np.maximum(lasting, self._last)
-        if isNew:  # the first pull counts as one that lasts, or light links would fly off
-            self._last = np.full(self.count, np.inf)
+        # the first pull counts as one that lasts, or light links would fly off
+        self._last[isNew[self.movable]] = np.inf
         self._free, self._lasting = motion.inverse.copy(), np.zeros(self.count)
         self._update(motion, lasting)
 
