@@ -146,14 +146,15 @@ class SoftConstraints:
         """
         if self.count == 0:
             return self.columns
-        begin, most, isLeft = motion.displacement.copy(), 0.5 * np.abs(self.C), self._is_off()
+        begin, most, isOff = motion.displacement.copy(), 0.5 * np.abs(self.C), self._is_off()
+        isLeft = isOff
         for _ in range(SWEEPS):
             if not isLeft.any():
                 break
             answer = self._answer(~self.isSlack, self.scale * self.C, ROUNDING)
             motion.displacement += self._changes(motion, answer)
             self._update(motion, self._lasting)
-            isLeft &= ~self.isSlack & (np.abs(self.C) > most)
+            isLeft = isOff & ~self.isSlack & (np.abs(self.C) > most)
         motion.displacement[:] = begin
         return self.columns[:, isLeft]
 
