@@ -38,7 +38,8 @@ class SoftConstraints:
     speeds by A λ = J M⁻¹ Jᵀ λ. J is scaled so that A is 1 on its diagonal.
 
     key : (6, R), body, vertex, body, vertex, lower, upper
-    impulse : (2, R), of a substep, and the greatest that has lasted for two
+    impulse : (2, R), of a substep, and the greatest that has lasted for two, which gives links the
+        mass that they keep if the time step changes
     movable : (K,), those that can move; all that follows is of these
     visits : number of rows of all systems of equations that the step has factored
     columns : (2, K), of `Motion`; scale : (K,), of J, and by which scaled impulses are multiplied
