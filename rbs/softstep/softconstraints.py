@@ -161,7 +161,8 @@ class SoftConstraints:
 
     def _is_off(self):
         """Whether distances (K,) are beyond their bounds."""
-        return ~self.isSlack & (np.abs(self.C) > TOLERANCE * self.length)
+        lever = np.maximum(self.length, self._reach.max(axis=0))
+        return ~self.isSlack & (np.abs(self.C) > TOLERANCE * lever)
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
