@@ -27,7 +27,8 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     Where it has more, its velocities shrink if it rests on something, apart from the mean one along
     that, and otherwise its impulses: momentum is conserved where nothing takes it. Islands on which
     torques work, or supports that move differently, are left alone, and so are those without a
-    contact: feasible constraints add none. With infeasible ones, gravity's work does not count.
+    contact: feasible constraints add none. Of what infeasible ones join, half of the energy counts,
+    and none of gravity's work: it comes to rest.
     Returns the share (m + 1,) of each body's impulses that is left.
 
     touching : (2, C), columns of `Motion` that touch
@@ -67,10 +68,10 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     frame, rests = take(frame, island, axis=1), np.bincount(held, minlength=count) > 0
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
-    work = mass * dot(motion.gravity[:, :-1], way)
-    if len(infeasible[0]):
-        work[having(infeasible)[island]] = 0.0
-    limit, now = total(0.5 * products(begin, begin) + work), turned(velocity)
+    before, work = 0.5 * products(begin, begin), mass * dot(motion.gravity[:, :-1], way)
+    halved = infeasible[infeasible < len(island)]
+    before[halved], work[halved] = 0.5 * before[halved], 0.0
+    limit, now = total(before + work), turned(velocity)
     energy = total(0.5 * products(now, now))
     isBound = ~isWorked & having(np.concatenate((touching, infeasible), axis=1))
     isOver = isBound & (energy > limit)

@@ -21,8 +21,7 @@ from rbs.stepping.kernels import distance_error
 
 # Softness of pushes, as a fraction of each constraint's own response: where infeasible ones push
 # against each other, bodies move across them by the error over the softness. With less, they
-# tremble; with more, the heavy end of a chain is drawn up more slowly, and the chain gives way. A
-# substep leaves this part of a feasible error; what is left after two counts as infeasible.
+# tremble; with more, the heavy end of a chain is drawn up more slowly, and the chain gives way.
 SOFTNESS = 0.1
 
 
@@ -39,7 +38,8 @@ class SoftConstraints:
     speeds by A λ = J M⁻¹ Jᵀ λ. J is scaled so that A is 1 on its diagonal.
 
     key : (6, R), body, vertex, body, vertex, lower, upper
-    impulse : (2, R), of a substep, and the greatest that has lasted for two
+    impulse : (2, R), of a substep, and the greatest that has lasted for two, which gives links the
+        mass that they keep if the time step changes
     movable : (K,), those that can move; all that follows is of these
     visits : number of rows of all systems of equations that the step has factored
     columns : (2, K), of `Motion`; scale : (K,), of J, and by which scaled impulses are multiplied
@@ -49,9 +49,13 @@ class SoftConstraints:
     def __init__(self, key, frames, motion, kept, h, ratio):
         """kept : `SolverState`; h, ratio : as for `SoftContacts`"""
         bodies, vertices = (key[k:4:2].astype(np.intp) for k in (0, 1))
-        self.impulse = np.zeros((2, len(key[0])))
-        if np.array_equal(key, kept.constraint):
-            self.impulse[:] = ratio * kept.constraintImpulse
+        self.impulse, isNew = np.zeros((2, len(key[0]))), np.ones(len(key[0]), dtype=bool)
+        before, (pull, lasting) = kept.constraint, kept.constraintImpulse
+        now = last = slice(None)
+        if not np.array_equal(key[:4], before[:4]):
+            now, last = (key[:4, :, None] == before[:4, None]).all(axis=0).nonzero()
+        # the force, and the masses of links, stay
+        self.impulse[:, now], isNew[now] = (ratio * pull[last], lasting[last] / ratio), False
         columns = take(motion.column, bodies)
         self.movable = indices((motion.invMass[columns] > 0.0).any(axis=0))
         self.count, self.visits, self.h = len(self.movable), 0, h
@@ -70,6 +74,10 @@ class SoftConstraints:
         given = self._column.tobytes(), isMoving.tobytes()
         self.ends, self.rows, self._order, self._bodies, self._which = _paired(*given)
         self._last, lasting = np.abs(self.impulse[:, self.movable])
+        if ratio > 1.0:
+            lasting = np.maximum(lasting, self._last)
+        # the first pull counts as one that lasts, or light links would fly off
+        self._last[isNew[self.movable]] = np.inf
         self._free, self._lasting = motion.inverse.copy(), np.zeros(self.count)
         self._update(motion, lasting)
 
@@ -133,19 +141,37 @@ class SoftConstraints:
             more = np.eye(3)[..., None] * (turning[some] - 1.0 / inertia.trace())
             motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
-    def infeasible(self):
-        """Columns of `Motion` (2, I) that infeasible constraints join, see SOFTNESS."""
+    def infeasible(self, motion):
+        """Columns of `Motion` (2, I) that infeasible constraints join: those whose errors Newton's
+        method does not halve. Constraints are at its last poses then.
+        """
         if self.count == 0:
             return self.columns
+        begin, most, isOff = motion.displacement.copy(), 0.5 * np.abs(self.C), self._is_off()
+        isLeft = isOff
+        for _ in range(SWEEPS):
+            if not isLeft.any():
+                break
+            answer = self._answer(~self.isSlack, self.scale * self.C, ROUNDING)
+            motion.displacement += self._changes(motion, answer)
+            self._update(motion, self._lasting)
+            isLeft = isOff & ~self.isSlack & (np.abs(self.C) > most)
+        motion.displacement[:] = begin
+        return self.columns[:, isLeft]
+
+    def _is_off(self):
+        """Whether distances (K,) are beyond their bounds."""
         lever = np.maximum(self.length, self._reach.max(axis=0))
-        return self.columns[:, ~self.isSlack & (np.abs(self.C) > SOFTNESS**2 * lever)]
+        return ~self.isSlack & (np.abs(self.C) > TOLERANCE * lever)
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
         force in the middle of the substep, which also keeps points on the circles on which they
         turn. Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
         """
-        v, h, isNear = motion.rates(), self.h, self.impulse[0, self.movable] != 0.0
+        v, h = motion.rates(), self.h
+        isNear = np.abs(self.gap) <= TOLERANCE * self.length  # a whole chain begins to pull at once
+        isNear |= self.impulse[0, self.movable] != 0.0
         (first, second), _ = self._points(motion.shift + h * v[:3], h * v[3:], self._arm)
         # on the way along the direction d at the start, to the circle of the bound
         way, bound = first - second, self.length - self.gap
@@ -156,8 +182,7 @@ class SoftConstraints:
         impulse = self._solve(motion, np.zeros(self.count), self.scale * error, isNear)
         self.impulse[0, self.movable] = impulse
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
-        isOff = ~self.isSlack & (np.abs(self.C) > TOLERANCE * self.length)
-        pushed = self._changes(motion, self._answer(isOff, speed, SOFTNESS))
+        pushed = self._changes(motion, self._answer(self._is_off(), speed, SOFTNESS))
         motion.velocity += pushed
         return pushed
 

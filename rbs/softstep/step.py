@@ -240,6 +240,8 @@ class SolverState:
             state.manifolds, touched = self.manifolds.renumbered(number)
             state.sleep = self.sleep.renumbered(bodies, number)
             isBereft[touched] = True
+            if self.removed:
+                state.constraint, state.constraintImpulse = np.zeros((6, 0)), np.zeros((2, 0))
         state.count = count
         return state, isBereft
 

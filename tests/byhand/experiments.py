@@ -472,14 +472,27 @@ def beads(count, ratio=1.0, degrees=0.0):
 HANGING = {"hasGround": False, "sleeping": False}
 
 
-def swinging(engine, count, ratio, degrees):
-    """Energy that a chain with a heavy end, let go at an angle, has left, and had at most."""
+def swinging(engine, count, ratio, degrees, steps=(), substeps=(6,), added=False):
+    """Energy that a chain with a heavy end, let go at an angle, has left, and had at most.
+
+    steps, substeps : time steps in s, and numbers of substeps, in turn; added : whether a
+        constraint far away is added after 0.5 s, and taken away after 1 s
+    """
     links, ties = beads(count, ratio, degrees)
     tip = links[0].currVertices[ties[0][1], 1]  # below which it hangs at rest
     rest = sum(G * m.mass * (tip + 0.1 - 0.5 * k) for k, m in enumerate(links[1:], 1))
     before, settings = energy(links) - rest, HANGING | {"linkedBodiesCollide": False}
-    settings["watch"] = lambda: energy(links) - rest
-    _, track = run(engine, links, 4.0, constraints=ties, **settings)
+    steps = steps or (TIME_STEP,)
+    meshes, far = [*links, box(99), box(99, 9)], [count + 1, 0, count + 2, 0, 999.0, True]
+
+    def act(k, world):
+        world.arguments = steps[k % len(steps)], 0.0
+        if engine == "soft step":
+            world.settings["substeps"] = substeps[k % len(substeps)]
+        world.settings["constraints"] = [*ties, far] if added and 25 <= k < 50 else ties
+
+    settings |= {"act": act, "watch": lambda: energy(links) - rest, "h": np.mean(steps)}
+    _, track = run(engine, meshes, 4.0, constraints=ties, **settings)
     return track[-1] / before, track.max() / before
 
 
@@ -540,6 +553,25 @@ def ropes(engine, *directions, side=0.2, length=1.0, rigid=False, seconds=4.0):
         ties += [[0, own, k, anchor, length, isUpper] for isUpper in (True, False)[: 1 + rigid]]
     run(engine, meshes, seconds, constraints=ties, **HANGING)
     return np.linalg.norm(meshes[0].linVelocity), np.linalg.norm(meshes[0].angVelocity)
+
+
+def taut(engine, percent, *axes, density=1.0, rigid=False, velocity=(0, 0, 0), spin=(0, 0, 0)):
+    """Speed and spin after 2 s of an octahedron that ropes along axes, too short by so many
+    percent, tie to anchors 5 m away on both sides.
+    """
+    mesh = throw(shapes.convex_hull(CORNERS / 6, density, (0, 20, 0)), velocity, spin)
+    meshes, ties = [mesh], []
+    for way in (sense * np.eye(3)[axis] for axis in axes for sense in (1, -1)):
+        meshes.append(box(*(5 * way + [0, 20, 0]), (0.2, 0.2, 0.2), isFixed=True))
+        ends = [
+            int((m.origVertices @ (s * way + (0.01, 0.02, 0.03))).argmax())
+            for m, s in ((mesh, 1), (meshes[-1], -1))
+        ]
+        length = np.linalg.norm(mesh.currVertices[ends[0]] - meshes[-1].currVertices[ends[1]])
+        row = [0, ends[0], len(meshes) - 1, ends[1], length / (1 + percent / 100)]
+        ties += [[*row, isUpper] for isUpper in (True, False)[: 1 + rigid]]
+    run(engine, meshes, 2.0, constraints=ties, **HANGING)
+    return np.linalg.norm(mesh.linVelocity), np.linalg.norm(mesh.angVelocity)
 
 
 RIDE = 2 * 0.5 - 0.25 / (2 * 0.5 * G)  # slides until it has the speed of the belt
