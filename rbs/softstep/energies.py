@@ -21,7 +21,7 @@ from rbs.stepping.flight import turn_matrix
 BOUNCED = 1.6
 
 
-def bounded_share(motion, touching, normal, tied, infeasible):
+def bounded_share(motion, touching, normal, tied, strained, infeasible):
     """Leaves each island of connected bodies no more energy than it had, plus the work of gravity.
 
     Where it has more, its velocities shrink if it rests on something, apart from the mean one along
@@ -36,7 +36,7 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     tied, infeasible : (2, L), (2, K), those that constraints join, and those of infeasible ones
     """
     share, isTumbling = np.ones(len(motion.moving) + 1), motion.drift is not None
-    if len(touching[0]) + len(infeasible[0]) == 0:
+    if len(touching[0]) + len(strained[0]) + len(infeasible[0]) == 0:
         return share
     isMovable, links = motion.invMass[:-1] > 0.0, np.concatenate((touching, tied), axis=1)
     mass, inertia = 1.0 / np.where(isMovable, motion.invMass[:-1], np.inf), motion.inertia
@@ -73,7 +73,7 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     before[halved], work[halved] = 0.5 * before[halved], 0.0
     limit, now = total(before + work), turned(velocity)
     energy = total(0.5 * products(now, now))
-    isBound = ~isWorked & having(np.concatenate((touching, infeasible), axis=1))
+    isBound = ~isWorked & having(np.concatenate((touching, strained, infeasible), axis=1))
     isOver = isBound & (energy > limit)
     if not (isOver.any() or isTumbling):
         return share

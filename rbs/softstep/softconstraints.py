@@ -141,6 +141,12 @@ class SoftConstraints:
             more = np.eye(3)[..., None] * (turning[some] - 1.0 / inertia.trace())
             motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
+    def strained(self):
+        """Columns of `Motion` (2, I) joined by constraints that are pushed as fast as may be."""
+        if self.count == 0:
+            return self.columns
+        return self.columns[:, ~self.isSlack & (np.abs(self.C) > self.pushSpeed * self.h)]
+
     def infeasible(self, motion):
         """Columns of `Motion` (2, I) that infeasible constraints join: those whose errors Newton's
         method does not halve. Constraints are at its last poses then.
