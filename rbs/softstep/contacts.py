@@ -148,7 +148,7 @@ class SoftContacts(PlacedManifolds):
     def apply(self, motion):
         """Applies the impulses accumulated since the last call to the bodies."""
         self.system.apply(motion, self.pending)
-        self.pending = np.zeros_like(self.pending)
+        self.pending = np.zeros(self.pending.shape)
 
     def warm_start(self):
         """Starts with the impulses of the last substep, limited by LOAD_GROWTH."""
@@ -200,7 +200,7 @@ class SoftContacts(PlacedManifolds):
         """
         speed = np.maximum(self.separation, 0.0) / self.h + self.speed[:POINTS]
         sinking, isPart = (speed < -self.sinkSpeed).any(axis=0), self.isUneven
-        if sinking.any():
+        if np.count_nonzero(sinking):
             isSinking = np.zeros(len(motion.invMass), dtype=bool)
             isSinking[self.ends[:, sinking]] = True
             isPart = isPart | (isSinking & (motion.invMass > 0.0))[self.ends].any(axis=0)
@@ -259,7 +259,8 @@ class SoftContacts(PlacedManifolds):
 
         All manifolds of struck bodies take part: others are what they are pressed against. Those
         count as struck, too, that the blow makes faster than gravity does in a substep. Points that
-        open without a blow keep what they have carried, as corners that a body rolls off.
+        were pressed and open without a blow keep what they have carried, as corners that a body
+        rolls off.
         """
         isPressed = self.total[:POINTS] > 0.0
         inverse, speed = take(motion.invMass, self.ends), np.zeros(len(motion.invMass))
@@ -267,16 +268,23 @@ class SoftContacts(PlacedManifolds):
         change = inverse / np.add.reduce(inverse) * blow
         np.maximum.at(speed, self.ends.ravel(), change.ravel())
         mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
-        touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
-        least = self.fallSpeed * self.h / self.timeStep
-        isHit = reached(speed > 0.0, speed, mass, touching, least)
-        isPart = isHit[self.ends].any(axis=0) & isPressed.any(axis=0)
+        isTouching = self._touching(self.total).any(axis=0)
+        touching, least = indices(isTouching), self.fallSpeed * self.h / self.timeStep
+        isHit = reached(speed > 0.0, speed, mass, take(self.ends, touching, 1), least)
+        isPart = isHit[self.ends].any(axis=0) & isTouching
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
-        hasLeft = isOpening & ~isStruck & (self.total[:POINTS] <= self.carried)
+        hasLeft = isPressed & isOpening & ~isStruck & (self.total[:POINTS] <= self.carried)
         isActive = self.isPoint & ~hasLeft
         solved = self._solved(motion, self.total, isPart & isActive.any(axis=0), bias, isActive)
         return solved, isPart
+
+    def _touching(self, total):
+        """Points (4, M) that have received an impulse, or are so near that the speed which gravity
+        adds in a step would close the gap in a substep.
+        """
+        isNear = self.separation < self.h * self.fallSpeed
+        return (total[:POINTS] > 0.0) | (self.isPoint & isNear)
 
     def _elastic(self, motion, total, bounces, CRCoeff):
         """Returns total impulses with which points separate as fast as they closed, then the points
@@ -287,7 +295,7 @@ class SoftContacts(PlacedManifolds):
         CRCoeff of all this reaches the bodies.
         """
         load, carried = np.add.reduce(total[:POINTS]), np.add.reduce(self.carried)
-        isTouching = (total[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
+        isTouching = self._touching(total)
         isPressed = self.isPoint & isTouching.any(axis=0)
         island = islands_of(self.ends, motion.invMass)
         isBlow = np.isin(island, island[bounces.any(axis=0)])

@@ -378,11 +378,15 @@ def glide(engine, side, speed, seconds=5.0):
     return mesh.position[0, 0] / (seconds * speed)
 
 
-def against_a_wall(engine, count, e=0.0):
-    """Largest speed of cubes of a row that has hit a wall, of their speed before."""
-    meshes = [throw(box(k), (1, 0, 0)) for k in range(count)]
-    run(engine, [*meshes, box(count + 0.3, 1, 0, (1, 2, 2), isFixed=True)], 1.0, e=e, mu=0.0)
-    return max(abs(mesh.linVelocity[0, 0]) for mesh in meshes)
+def against_a_wall(engine, count, e=0.0, distances=(0.3,)):
+    """Largest speed of cubes of a row that has hit a wall at the distances, of that before."""
+    speeds = []
+    for distance in distances:  # which end in different substeps
+        meshes = [throw(box(k), (1, 0, 0)) for k in range(count)]
+        wall = box(count + distance, 1, 0, (1, 2, 2), isFixed=True)
+        run(engine, [*meshes, wall], 1.0, e=e, mu=0.0)
+        speeds += [abs(mesh.linVelocity[0, 0]) for mesh in meshes]
+    return max(speeds)
 
 
 def plastic_row(engine, count, width=1):
