@@ -27,13 +27,13 @@ def bounded_share(motion, touching, normal, tied, strained, infeasible):
     Where it has more, its velocities shrink if it rests on something, apart from the mean one along
     that, and otherwise its impulses: momentum is conserved where nothing takes it. Islands on which
     torques work, or supports that move differently, are left alone, and so are those without a
-    contact: feasible constraints add none. Of what infeasible ones join, half of the energy counts,
-    and none of gravity's work: it comes to rest.
+    contact: feasible constraints add none, unless strained. Of what infeasible ones join, half of
+    the energy counts, and none of gravity's work: it comes to rest.
     Returns the share (m + 1,) of each body's impulses that is left.
 
     touching : (2, C), columns of `Motion` that touch
     normal : (3, C), their unit normals, or 0 where friction acts, too
-    tied, infeasible : (2, L), (2, K), those that constraints join, and those of infeasible ones
+    tied, strained, infeasible : (2, L), (2, J), (2, K), those that constraints join, all and some
     """
     share, isTumbling = np.ones(len(motion.moving) + 1), motion.drift is not None
     if len(touching[0]) + len(strained[0]) + len(infeasible[0]) == 0:

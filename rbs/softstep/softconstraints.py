@@ -142,7 +142,7 @@ class SoftConstraints:
             motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
     def strained(self):
-        """Columns of `Motion` (2, I) joined by constraints that are pushed as fast as may be."""
+        """Columns of `Motion` (2, I) that constraints join which are pushed as fast as may be."""
         if self.count == 0:
             return self.columns
         return self.columns[:, ~self.isSlack & (np.abs(self.C) > self.pushSpeed * self.h)]
