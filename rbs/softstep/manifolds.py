@@ -179,21 +179,6 @@ def _touching_faces(hulls, bodies, outward, tolerance):
     return take(face, row_minima(-cosine, count)[1])
 
 
-def separation_growths(normal, tangent, t, displacements, row, u, v):
-    """By how much the separations (Q,) of corners at u, v (Q,) grow in a step, to first order.
-
-    n · (d2 + θ2 × r - d1 - θ1 × (r + t)), with r from the second COM
-
-    normal, tangent, t : (3, K), see `Frames.translations`; row : (Q,), of each corner
-    displacements : (6, 2, K), and rotation vectors, of the two bodies in the step, without gravity
-    """
-    (d1, d2), (turn1, turn2) = displacements.reshape(2, 3, 2, -1).swapaxes(1, 2)
-    slope = cross(normal, turn2 - turn1)
-    growth = dot(normal, d2 - d1) - dot(cross(normal, turn1), t)
-    slopes = dot(slope, tangent), dot(slope, cross(normal, tangent))
-    return take(growth, row) + take(slopes[0], row) * u + take(slopes[1], row) * v
-
-
 def four_points(row, u, v, separation, growth, size, margin):
     """Selects up to four points of each row that span it: `(chosen (4, K), isPoint (4, K))`.
 
