@@ -43,10 +43,6 @@ class Manifolds(SimpleNamespace):
         about n; mass · speed, from the last substep, for warm starting
     """
 
-    def renewed(self, **columns):
-        """Returns a copy in which the given columns are replaced."""
-        return Manifolds(**vars(self) | columns)
-
     def bodies(self, count):
         """Returns the two bodies (2, M) of each manifold; the ground is body `count`."""
         return np.array(np.divmod(self.key, count + 1))
@@ -65,7 +61,8 @@ class Manifolds(SimpleNamespace):
         isKept = (first >= 0) & (second >= 0)
         left = np.concatenate((first, second))[~np.tile(isKept, 2)]
         key = first * (number[-1] + 1) + second
-        return self.renewed(key=key).rows(indices(isKept)), left[(left >= 0) & (left < number[-1])]
+        kept = Manifolds(**vars(self) | {"key": key}).rows(indices(isKept))
+        return kept, left[(left >= 0) & (left < number[-1])]
 
     def joined(self, other):
         """Returns these manifolds and others, sorted by key."""
