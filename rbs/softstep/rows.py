@@ -1,4 +1,4 @@
-"""Contacts of a step as rows of velocity constraints, and soft bounds as impulses.
+"""Contacts of a step as rows of velocity constraints, solved in sweeps.
 
 All manifolds are solved simultaneously from the same velocities, so that the result depends on
 their order only by rounding, which a pile may amplify to 1e-5 m. It also depends on which of two
