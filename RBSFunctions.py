@@ -373,10 +373,8 @@ class Mesh(MeshTools):
         self._volume = float(volumes.sum())
         self._mass = self.density * self.volume
         if not 0 < self.mass < math.inf:
-            raise ValueError(
-                f"mesh {self.name}: density {self.density:g} and volume {self.volume:g} "
-                "give no positive, finite mass"
-            )
+            what = f"density {self.density:g} and volume {self.volume:g}"
+            raise ValueError(f"mesh {self.name}: {what} give no positive, finite mass")
         centreOfMass = (volumes[:, None] * corners.mean(axis=1)).sum(axis=0) / self.volume
         self._origVertices = self.origVertices - centreOfMass
         try:

@@ -63,10 +63,8 @@ class Hull:
         areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         inward = (areas * qhull.equations[:, :3]).sum(axis=1, keepdims=True) < 0
         areas = np.where(inward, -areas, areas)
-        triangles, neighbours = (
-            np.where(inward, table[:, [0, 2, 1]], table)
-            for table in (qhull.simplices, qhull.neighbors)
-        )
+        tables = qhull.simplices, qhull.neighbors
+        triangles, neighbours = (np.where(inward, one[:, [0, 2, 1]], one) for one in tables)
         # Qhull gives the triangles of one flat facet one equation
         face = np.unique(qhull.equations, axis=0, return_inverse=True)[1].reshape(-1)
         normals = np.zeros((face.max() + 1, 3))
@@ -79,9 +77,8 @@ class Hull:
 
         # Triangle i shares the side opposite corner j with neighbours[i, j]. Counter-clockwise seen
         # from outside, this side points along n_i × n_neighbour.
-        i, j = np.nonzero(
-            (np.arange(len(triangles))[:, None] < neighbours) & (face[:, None] != face[neighbours])
-        )
+        isFirst = np.arange(len(triangles))[:, None] < neighbours
+        i, j = np.nonzero(isFirst & (face[:, None] != face[neighbours]))
         tail, head = triangles[i, (j + 1) % 3], triangles[i, (j + 2) % 3]
         self.vertexIndex = np.sort(qhull.vertices)
         self.vertices = vertices = points[self.vertexIndex]

@@ -9,7 +9,7 @@ import numpy as np
 
 from rbs.geometry.hulls import by_angle, tangents
 from rbs.geometry.lowest import support_features
-from rbs.geometry.vectors import cross, dot, indices, mul_add, ranges, take
+from rbs.geometry.vectors import cross, dot, indices, ranges, take
 
 # Factor by which the slack of polygon sides grows if rounding has left no overlap. More moves the
 # contact point further; less repeats the clipping more often.
@@ -56,7 +56,7 @@ def sharp_points(vertices, start, count, level, n, tolerance):
     isCrossing = (countA == 2) & (countB == 2)
     isCrossing &= np.abs(denominator) > tolerance * length
     s = np.minimum(np.maximum(numerator / np.where(isCrossing, denominator, 1.0), 0.0), 1.0)
-    point = np.where(isCrossing, mul_add(b0, s, e), mul_add(a0, level - dot(n, a0), n))
+    point = np.where(isCrossing, b0 + s * e, a0 + (level - dot(n, a0)) * n)
     return np.where(countB == 1, b0, point), (countA > 1) & (countB > 1) & ~isCrossing
 
 

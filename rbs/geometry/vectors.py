@@ -13,10 +13,6 @@ _CYCLE = np.array([0, 1, 2, 0, 1])
 _LOWER = np.array([0, 3, 6, 3, 4, 7, 6, 7, 8])
 
 
-def mul_add(v, factor, direction):
-    return v + factor * direction
-
-
 def dot(a, b):
     products = a * b
     total = products[0]

@@ -115,11 +115,9 @@ def mistake_in(event, events):
     for function, symbols in MADE_BY.get(event.kind, {}).items():
         differ = [one for one in alike if not _fits(one, symbols, function, ())]
         if differ and differ[0] is event:
-            rows = [
-                row
-                for row in mistakes_of(function)
-                if all(_fits(one, symbols, function, row.edits) for one in alike)
-            ]
+            rows = mistakes_of(function)
+            for one in alike:
+                rows = [row for row in rows if _fits(one, symbols, function, row.edits)]
             texts = list(dict.fromkeys(row.text for row in rows))
             found += [" - or ".join(texts)] * (0 < len(texts) <= MOST_OF_EVENT)
     return "; ".join(found)

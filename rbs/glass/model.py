@@ -75,14 +75,10 @@ def rotation_matrices(q):
     """R (n, 3, 3) with R v = q v q⁻¹, for quaternions (n, 4) of any length but zero."""
     q = np.reshape(q, (-1, 4))
     w, x, y, z = (q / np.sqrt(np.sum(q * q, axis=1, keepdims=True))).T
-    rows = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return rows.transpose(2, 0, 1)
+    row0 = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    row1 = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    row2 = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return np.array((row0, row1, row2)).transpose(2, 0, 1)
 
 
 def step(x, q, v, w, h, count, mass, g=GRAVITY):

@@ -174,10 +174,9 @@ def first_difference(ours, theirs, meshes):
         if not (own and other) or (own.kind, own.bodies) != (other.kind, other.bodies):
             return Difference(own, other, place=place)
         bodies = labels(own.bodies, meshes)
-        if state := (
-            state_difference(own.before, other.before, bodies, tuple(STATE_WIDTHS))
-            or state_difference(own.after, other.after, bodies, KEPT)
-        ):
+        state = state_difference(own.before, other.before, bodies, tuple(STATE_WIDTHS))
+        state = state or state_difference(own.after, other.after, bodies, KEPT)
+        if state is not None:
             return Difference(own, other, [], state, place)
         if wrong := deviations(other, own):
             return Difference(own, other, wrong, None, place)

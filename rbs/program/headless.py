@@ -129,8 +129,7 @@ def summarise(simulation, run, begin):
         rows["time per step"] = f"{1e3 * median:.2f} ms median, {total:.1f} s in total"
     if (beside := simulation.beside) is not None:
         rows["beside ours"] = "no difference" + " before that" * bool(run.failure)
-        found = beside.difference
-        if found is not None:
+        if (found := beside.difference) is not None:
             lines = [f"step {found.step}", *found.lines(beside.ours.meshes)[:2]]
             rows |= {"beside ours": ", ".join(lines), "hint": found.hint}
         rows["remark"] = beside.remark

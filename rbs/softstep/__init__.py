@@ -6,7 +6,7 @@ Selected by `contactSolver="soft-step"`. In reading order:
     placed           manifolds in world axes, and their columns of the report
     supports         planes along which bodies meet what is flush with their support
     detection        manifolds kept from the last step, and new ones
-    rows             contacts as rows of velocity constraints, with their derivation; springs
+    rows             contacts as rows of velocity constraints, with their derivation
     energies         a bound on the energy that contacts give
     contacts         contact impulses: springs, relaxation, and blows
     softconstraints  all distance constraints, solved together

@@ -11,17 +11,7 @@ from rbs.softstep.detection import KEEP, Frames
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS, ROUNDING, TINY, UNEVEN
 from rbs.softstep.placed import PlacedManifolds
-from rbs.softstep.rows import (
-    MOST_SWEEPS,
-    SWEEPS,
-    TOLERANCE,
-    contact_rows,
-    islands_of,
-    mean_squares,
-    reached,
-    split_masses,
-    spring,
-)
+from rbs.softstep.rows import SWEEPS, TOLERANCE, contact_rows, islands_of, mean_squares, reached
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
 # stacks bounce, because the impulses of one sweep per substep lag behind: with 0.2, a stack of
@@ -38,6 +28,9 @@ SLEEP_SECONDS = 0.5
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
+# Most sweeps where bounces lose no energy. With fewer, balls lose energy whose points are near each
+# other.
+MOST_SWEEPS = 200
 
 
 def push_speeds(motion, radius):
@@ -69,14 +62,9 @@ class SoftContacts(PlacedManifolds):
         impulse = manifolds.impulse[:, self.rows] * self.isPoint
         self.impulse = ratio * np.concatenate((impulse, manifolds.friction[:, self.rows]))
         self.separation = self.gap.copy()
-        # What sleeps takes part in the soft step's springs as if it were awake, but is not lighter
-        # than what touches it. Otherwise, springs on it would be stiffer, and jam what is between.
         inverse = np.concatenate((bodies.invMass[None], bodies.invInertia))
         inverse[:, motion.moving] = motion.inverse[:, :-1]
-        masses = take(split_masses(ends, inverse), self.rows, 2)
-        most = masses[0, ::-1] / np.maximum(masses[0], TINY)
-        masses *= np.where(motion.invMass[self.ends] == 0.0, np.minimum(most, 1.0), 1.0)
-        self.system = contact_rows(self, self.ends, masses, frames, motion, mu)
+        self.system = contact_rows(self, ends, inverse, frames, motion, mu)
         self.system.turn(0.5 * h)  # arms are those in the middle of the next substep
         self.speed = self.system.speeds(motion)
         self.rounding = ROUNDING * np.abs(self.speed[:6]).max(initial=0.0)
@@ -250,7 +238,7 @@ class SoftContacts(PlacedManifolds):
         some = indices(self.total.any(axis=0))
         smooth = self.normal * ~self.total[POINTS:].any(axis=0)
         given = take(self.ends, some, 1), take(smooth, some, 1), distances.columns
-        share = bounded_share(motion, *given, distances.strained(), distances.infeasible(motion))
+        share = bounded_share(motion, *given, *distances.unmet(motion))
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck):
@@ -339,11 +327,12 @@ class SoftContacts(PlacedManifolds):
 
         isStill : (n + 1,), bodies that have not moved; what is between them stays as it was
         """
-        impulse, friction = manifolds.impulse.copy(), manifolds.friction.copy()
+        kept = copy(manifolds)
+        kept.impulse, kept.friction = kept.impulse.copy(), kept.friction.copy()
         some = indices(~(isStill[self.first] & isStill[self.second]))
         rows, values = self.rows[some], take(self.impulse, some, 1)
-        impulse[:, rows], friction[:, rows] = values[:POINTS], values[POINTS:]
-        return manifolds.renewed(impulse=impulse, friction=friction)
+        kept.impulse[:, rows], kept.friction[:, rows] = values[:POINTS], values[POINTS:]
+        return kept
 
 
 class StillContacts:
@@ -368,3 +357,20 @@ class StillContacts:
     @property
     def depths(self):
         return self.columns[3]
+
+
+def spring(frequency, damping, h):
+    """`(β, s)` of a soft bound, β in 1/s, for substeps of h seconds.
+
+    Let the bound be violated by C, let u be the speed at which C grows, and m the effective mass.
+    It acts as a spring and damper with the angular frequency ω = 2π frequency/h and the damping
+    ratio ζ. Implicit integration over h gives the impulse
+
+        λ ← s (λ - m (u + β C)),   s = a₂/(1 + a₂),   β = ω/a₁,   a₁ = 2 ζ + h ω,   a₂ = h ω a₁
+
+    (Catto: Soft Constraints. Game Developers Conference 2011).
+    """
+    angle = 2.0 * math.pi * frequency  # h ω
+    a1 = 2.0 * damping + angle
+    a2 = angle * a1
+    return angle / (h * a1), a2 / (1.0 + a2)

@@ -5,29 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from Quaternion import multiply
+from rbs.geometry import vectors
 from rbs.geometry.broadphase import islands, overlapping
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import tangents
-from rbs.geometry.vectors import (
-    cross,
-    dot,
-    find_sorted,
-    indices,
-    joined,
-    known_columns,
-    mat_vec,
-    norm,
-    ranges,
-    take,
-    vec_mat,
-)
-from rbs.softstep.manifolds import (
-    Manifolds,
-    contact_normals,
-    four_points,
-    pair_corners,
-    separation_growths,
-)
+from rbs.geometry.vectors import cross, dot, find_sorted, indices, mat_vec, norm, take, vec_mat
+from rbs.softstep.manifolds import Manifolds, contact_normals, four_points, pair_corners
 from rbs.softstep.placed import GROUND_AXES
 from rbs.softstep.supports import FLUSH, deferring
 from rbs.stepping.constraints import linked_keys
@@ -167,7 +150,7 @@ def detect(step, frames, kept, isDisturbed, tied):
         linked = linked_keys(step, frames.count + 1)
         others = indices(find_sorted(key, linked) < 0)
         first, second, key = first[others], second[others], key[others]
-    axis = known_columns(key, kept.pairKey, kept.pairAxis)
+    axis = vectors.known_columns(key, kept.pairKey, kept.pairAxis)
     valid = _valid_manifolds(kept.manifolds, frames, key, isStill)
     asked = indices(find_sorted(key, valid.key) < 0)
     landing = indices(frames.isNearGround)
@@ -253,7 +236,7 @@ def _with_pairs(frames, pairs, valid, ground):
     isMet = np.bincount(row[kept], minlength=len(pairs.first)) > 0
     met, row = indices(isMet), take(isMet.cumsum() - 1, row[kept]) + len(ground.first)
     found = [take(x, met, axis=-1) for x in (pairs.first, pairs.second, normal, tangent)]
-    return Contacts(*joined(ground, (*found, row, take(corners, kept, axis=1))))
+    return Contacts(*vectors.joined(ground, (*found, row, take(corners, kept, axis=1))))
 
 
 def _ground_contacts(frames, body):
@@ -261,7 +244,7 @@ def _ground_contacts(frames, body):
     ground = np.full(len(body), frames.count)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
     hulls = frames.hulls
-    row, column = ranges(take(hulls.vertexStart, body), take(hulls.vertexCount, body))
+    row, column = vectors.ranges(take(hulls.vertexStart, body), take(hulls.vertexCount, body))
     x, y, z = take(hulls.vertices, column, axis=1)
     height = y + take(frames.position[1, body], row)
     return Contacts(body, ground, *axes, row, np.array((x, z, -height, np.zeros_like(x))))
@@ -296,3 +279,18 @@ def _new_manifolds(frames, contacts):
         impulse=np.zeros(isPoint.shape),
         friction=np.zeros_like(normal),
     )
+
+
+def separation_growths(normal, tangent, t, displacements, row, u, v):
+    """By how much the separations (Q,) of corners at u, v (Q,) grow in a step, to first order.
+
+    n · (d2 + θ2 × r - d1 - θ1 × (r + t)), with r from the second COM
+
+    normal, tangent, t : (3, K), see `Frames.translations`; row : (Q,), of each corner
+    displacements : (6, 2, K), and rotation vectors, of the two bodies in the step, without gravity
+    """
+    (d1, d2), (turn1, turn2) = displacements.reshape(2, 3, 2, -1).swapaxes(1, 2)
+    slope = cross(normal, turn2 - turn1)
+    growth = dot(normal, d2 - d1) - dot(cross(normal, turn1), t)
+    slopes = dot(slope, tangent), dot(slope, cross(normal, tangent))
+    return take(growth, row) + take(slopes[0], row) * u + take(slopes[1], row) * v

@@ -47,10 +47,6 @@ def bounded_share(motion, touching, normal, tied, strained, infeasible):
         """Sums (I,) over the bodies of each island."""
         return np.bincount(island, x, count)
 
-    def having(columns):
-        """Whether islands (I,) have one of these columns."""
-        return np.bincount(island[columns[columns < len(island)]], minlength=count) > 0
-
     def products(v, w):
         return mass * dot(v[:3], w[:3]) + dot(v[3:], mat_vec(inertia, w[3:]))
 
@@ -69,11 +65,12 @@ def bounded_share(motion, touching, normal, tied, strained, infeasible):
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
     before, work = 0.5 * products(begin, begin), mass * dot(motion.gravity[:, :-1], way)
-    halved = infeasible[infeasible < len(island)]
+    halved = infeasible[infeasible < count]
     before[halved], work[halved] = 0.5 * before[halved], 0.0
     limit, now = total(before + work), turned(velocity)
     energy = total(0.5 * products(now, now))
-    isBound = ~isWorked & having(np.concatenate((touching, strained, infeasible), axis=1))
+    bound = np.concatenate((touching, strained, infeasible), axis=1)
+    isBound = ~isWorked & (np.bincount(island[bound[bound < count]], minlength=count) > 0)
     isOver = isBound & (energy > limit)
     if not (isOver.any() or isTumbling):
         return share

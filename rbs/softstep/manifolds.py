@@ -43,10 +43,6 @@ class Manifolds(SimpleNamespace):
         about n; mass · speed, from the last substep, for warm starting
     """
 
-    def renewed(self, **columns):
-        """Returns a copy in which the given columns are replaced."""
-        return Manifolds(**vars(self) | columns)
-
     def bodies(self, count):
         """Returns the two bodies (2, M) of each manifold; the ground is body `count`."""
         return np.array(np.divmod(self.key, count + 1))
@@ -65,7 +61,8 @@ class Manifolds(SimpleNamespace):
         isKept = (first >= 0) & (second >= 0)
         left = np.concatenate((first, second))[~np.tile(isKept, 2)]
         key = first * (number[-1] + 1) + second
-        return self.renewed(key=key).rows(indices(isKept)), left[(left >= 0) & (left < number[-1])]
+        kept = Manifolds(**vars(self) | {"key": key}).rows(indices(isKept))
+        return kept, left[(left >= 0) & (left < number[-1])]
 
     def joined(self, other):
         """Returns these manifolds and others, sorted by key."""
@@ -177,21 +174,6 @@ def _touching_faces(hulls, bodies, outward, tolerance):
     hasEnds = dot(normal, middle) >= offset - 4.0 * take(tolerance, row)
     cosine = np.where(hasEnds, dot(normal, take(outward, row, axis=1)), -1.0)
     return take(face, row_minima(-cosine, count)[1])
-
-
-def separation_growths(normal, tangent, t, displacements, row, u, v):
-    """By how much the separations (Q,) of corners at u, v (Q,) grow in a step, to first order.
-
-    n · (d2 + θ2 × r - d1 - θ1 × (r + t)), with r from the second COM
-
-    normal, tangent, t : (3, K), see `Frames.translations`; row : (Q,), of each corner
-    displacements : (6, 2, K), and rotation vectors, of the two bodies in the step, without gravity
-    """
-    (d1, d2), (turn1, turn2) = displacements.reshape(2, 3, 2, -1).swapaxes(1, 2)
-    slope = cross(normal, turn2 - turn1)
-    growth = dot(normal, d2 - d1) - dot(cross(normal, turn1), t)
-    slopes = dot(slope, tangent), dot(slope, cross(normal, tangent))
-    return take(growth, row) + take(slopes[0], row) * u + take(slopes[1], row) * v
 
 
 def four_points(row, u, v, separation, growth, size, margin):

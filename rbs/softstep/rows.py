@@ -1,4 +1,4 @@
-"""Contacts of a step as rows of velocity constraints, and soft bounds as impulses.
+"""Contacts of a step as rows of velocity constraints, solved in sweeps.
 
 All manifolds are solved simultaneously from the same velocities, so that the result depends on
 their order only by rounding, which a pile may amplify to 1e-5 m. It also depends on which of two
@@ -9,8 +9,6 @@ For convergence, the mass of a body is split between its manifolds, while the im
 whole body (Tonge, Benevolenski, Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body
 Simulation. SIGGRAPH 2012). Over-relaxation makes impulses travel faster through a stack.
 """
-
-import math
 
 import numpy as np
 
@@ -28,9 +26,6 @@ RELAXATION = 1.6
 # cost time. With fewer, corners that slide as they land bounce, bodies creep that carry a thousand
 # times their weight, and a blow takes several steps to pass a row of balls.
 SWEEPS = 12
-# Most sweeps where bounces lose no energy. With fewer, balls lose energy whose points are near each
-# other.
-MOST_SWEEPS = 200
 # Error at which sweeps end, and slip at which friction reaches its limit where points slide, as a
 # fraction of the speed that gravity adds per step and substep, or of the largest one. With more,
 # what rests creeps, and rows of balls lose energy; with less, rounding shows, and sweeps are more.
@@ -118,9 +113,8 @@ class ContactRows:
         """Returns the rows of manifolds `some` (K,) as if there were no others, with their islands;
         isActive : (4, K), points whose impulses may change.
         """
-        ends, *others = (
-            take(x, some, -1) for x in (self.ends, self.J, self.limits, self.levers, self.weights)
-        )
+        given = self.ends, self.J, self.limits, self.levers, self.weights
+        ends, *others = (take(x, some, -1) for x in given)
         masses, island = split_masses(ends, motion.inverse), islands_of(ends, motion.invMass)
         return ContactRows(motion, masses, (ends, isActive, *others), island=island)
 
@@ -206,10 +200,8 @@ class ContactRows:
         faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size,
         scaled down to the measured slip of all points; that of each would make spins oscillate.
         """
-        weights, levers, limits, response, mass = (
-            take(x, rows, -1)
-            for x in (self.weights, self.levers, self.limits[0], self.friction, self.frictionMass)
-        )
+        given = self.weights, self.levers, self.limits[0], self.friction, self.frictionMass
+        weights, levers, limits, response, mass = (take(x, rows, -1) for x in given)
 
         def slip(w):
             """Slip speeds (4, K) of the points; w : (3, K), speeds of the friction rows."""
@@ -229,9 +221,8 @@ class ContactRows:
         ratio = mean_squares(weights, speed)
         ratio /= np.maximum(mean_squares(weights, scaled), TINY)
         estimate = np.maximum(slip(scaled * np.sqrt(np.minimum(ratio, 1.0))), leastSlip)
-        cofactors, determinant = triples.adjugate(
-            (mass + resistance(limit / estimate)).reshape(9, -1)
-        )
+        total = mass + resistance(limit / estimate)
+        cofactors, determinant = triples.adjugate(total.reshape(9, -1))
         w = np.stack(triples.mat_vec(cofactors, sticking)) / determinant
         limit /= np.maximum(estimate, slip(w))
         sliding = np.einsum("ijm,jm->im", resistance(limit), w)
@@ -264,8 +255,16 @@ class ContactRows:
         return impulse
 
 
-def contact_rows(placed, ends, masses, frames, motion, mu):
-    """Returns the `ContactRows` of `PlacedManifolds`; masses : see `split_masses`."""
+def contact_rows(placed, bodies, inverse, frames, motion, mu):
+    """Returns the `ContactRows` of `SoftContacts`.
+
+    bodies : (2, N), of all manifolds, also between sleepers; inverse : (10, n + 1), of all bodies
+    """
+    # What sleeps takes part in the soft step's springs as if it were awake, but is not lighter
+    # than what touches it. Otherwise, springs on it would be stiffer, and jam what is between.
+    ends, masses = placed.ends, take(split_masses(bodies, inverse), placed.rows, 2)
+    most = masses[0, ::-1] / np.maximum(masses[0], TINY)
+    masses *= np.where(motion.invMass[ends] == 0.0, np.minimum(most, 1.0), 1.0)
     isPoint, n = 1.0 * placed.isPoint, placed.normal
     weight = isPoint / np.maximum(np.add.reduce(isPoint), 1.0)
     middle = np.add.reduce(weight * placed.arm, axis=1)
@@ -339,9 +338,8 @@ def reached(isSource, speed, mass, links, least):
         return isSource
     links = links[:, (np.append(mass, 0.0)[links] > 0.0).all(axis=0)]
     source = np.where(isSource, islands(links, isSource), -1)
-    momentum, total = (
-        np.bincount(source[isSource], x[isSource], len(mass)) for x in (mass * speed, mass)
-    )
+    both = mass * speed, mass
+    momentum, total = (np.bincount(source[isSource], x[isSource], len(mass)) for x in both)
     first, second = np.concatenate((links, links[::-1]), axis=1)
     while True:
         some = indices((source[first] >= 0) & (source[second] < 0))
@@ -361,20 +359,3 @@ def inverted(matrix):
     """Returns the inverses of symmetric matrices (3, 3, M); zero where there is none."""
     result, determinant = triples.adjugate(matrix.reshape(9, -1))
     return np.reshape(result, matrix.shape) / np.where(determinant > 0.0, determinant, np.inf)
-
-
-def spring(frequency, damping, h):
-    """`(β, s)` of a soft bound, β in 1/s, for substeps of h seconds.
-
-    Let the bound be violated by C, let u be the speed at which C grows, and m the effective mass.
-    It acts as a spring and damper with the angular frequency ω = 2π frequency/h and the damping
-    ratio ζ. Implicit integration over h gives the impulse
-
-        λ ← s (λ - m (u + β C)),   s = a₂/(1 + a₂),   β = ω/a₁,   a₁ = 2 ζ + h ω,   a₂ = h ω a₁
-
-    (Catto: Soft Constraints. Game Developers Conference 2011).
-    """
-    angle = 2.0 * math.pi * frequency  # h ω
-    a1 = 2.0 * damping + angle
-    a2 = angle * a1
-    return angle / (h * a1), a2 / (1.0 + a2)

@@ -129,10 +129,8 @@ class SoftConstraints:
         self.impulse[1, self.movable], r = self._lasting, self._reach
         pull = self.h * self._lasting
         spring = pull / np.maximum(self.length, r)
-        across, turning = (
-            np.bincount(self._column, x.ravel(), len(motion.invMass))
-            for x in (spring, (pull + spring * r) * r)
-        )
+        both, count = (spring, (pull + spring * r) * r), len(motion.invMass)
+        across, turning = (np.bincount(self._column, x.ravel(), count) for x in both)
         mass, inertia = self._free[0], self._free[1:].reshape(3, 3, -1)
         motion.invMass[:] = np.minimum(mass, 1.0 / np.maximum(across, TINY))
         some = indices(turning * inertia.trace() > 1.0)
@@ -141,18 +139,14 @@ class SoftConstraints:
             more = np.eye(3)[..., None] * (turning[some] - 1.0 / inertia.trace())
             motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
-    def strained(self):
-        """Columns of `Motion` (2, I) that constraints join which are pushed as fast as may be."""
-        if self.count == 0:
-            return self.columns
-        return self.columns[:, ~self.isSlack & (np.abs(self.C) > self.pushSpeed * self.h)]
-
-    def infeasible(self, motion):
-        """Columns of `Motion` (2, I) that infeasible constraints join: those whose errors Newton's
-        method does not halve. Constraints are at its last poses then.
+    def unmet(self, motion):
+        """`(strained (2, I), infeasible (2, J))`: columns of `Motion` that constraints join which
+        are pushed as fast as may be, and whose errors Newton's method does not halve. Constraints
+        are at its last poses then.
         """
         if self.count == 0:
-            return self.columns
+            return self.columns, self.columns
+        strained = ~self.isSlack & (np.abs(self.C) > self.pushSpeed * self.h)
         begin, most, isOff = motion.displacement.copy(), 0.5 * np.abs(self.C), self._is_off()
         isLeft = isOff
         for _ in range(SWEEPS):
@@ -163,7 +157,7 @@ class SoftConstraints:
             self._update(motion, self._lasting)
             isLeft = isOff & ~self.isSlack & (np.abs(self.C) > most)
         motion.displacement[:] = begin
-        return self.columns[:, isLeft]
+        return self.columns[:, strained], self.columns[:, isLeft]
 
     def _is_off(self):
         """Whether distances (K,) are beyond their bounds."""

@@ -136,8 +136,7 @@ class Pass:
     """
 
     def __init__(self, bodies, margin, knownKeys, knownAxes, linked):
-        self.bodies, self.margin, self.start = bodies, margin, bodies.position
-        self.linked = linked
+        self.bodies, self.margin, self.linked, self.start = bodies, margin, linked, bodies.position
         first, second = self._pairs(bodies.box - margin, bodies.isFixed)
         self.keys = first * len(margin) + second
         self.t = t = take(self.start, second, axis=1) - take(self.start, first, axis=1)

@@ -12,15 +12,7 @@ from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_co
 from rbs.geometry.triples import vector
 from rbs.geometry.vectors import indices, mat_vec, ranges, rotate_tensor, row_minima, take
 from rbs.stepping.flight import torque_free_velocities, turned
-from rbs.stepping.meshes import (
-    LARGEST_NUMBER,
-    Snapshot,
-    check_distinct,
-    check_numbers,
-    check_start,
-    columns_of,
-    table_of,
-)
+from rbs.stepping.meshes import LARGEST_NUMBER, Snapshot, check_distinct, columns_of, table_of
 from rbs.stepping.settings import EARTH
 
 # Bytes. glibc gives large freed arrays back to the system, and each step faults in the same pages
@@ -116,7 +108,7 @@ class Bodies:
     def begin(self, gravity, ground):
         state, changed = self._present()
         if changed:
-            check_start(snapshot_of(state), self.meshes)
+            snapshot_of(state).check_start(self.meshes)
             self._state, self._rows = state, {}
             for mesh, name in itertools.product(changed, ROWS):
                 mesh.__dict__.pop(name, None)
@@ -128,7 +120,12 @@ class Bodies:
             self.state[:9, -1] = x, 0.0, z, *velocity, *vector(ground.angVelocity)
         self.fallRate, self.hulls = math.hypot(*gravity), self._atRest
         if self.isOutdated:
-            self._look_up()
+            self.invMass = np.array([*map(attrgetter("_invMass"), self.meshes), 0.0])
+            self.isFixed = self.invMass[:-1] == 0.0
+            self.isDriven = np.array([m._load is not None for m in self.meshes], dtype=bool)
+            self._invIT, self.isOutdated = self._tensors("invIT"), False
+            for mesh, tensor in zip(self.meshes, self._invIT.T.reshape(-1, 3, 3), strict=True):
+                mesh._invIT = tensor  # a row of the table
         self.isKinematic = self.isFixed & self.velocity.any(axis=0)
         self.restInvInertia = np.where(self.isFixed, 0.0, self._invIT)
         self.acceleration = np.array([*gravity, 0.0, 0.0, 0.0]).reshape(6, 1)
@@ -137,15 +134,6 @@ class Bodies:
             angular = mat_vec(self._rotated(self.restInvInertia), load[3:])
             change = self.invMass[:-1] * load[:3], angular
             self.acceleration = self.acceleration + np.concatenate(change)
-
-    def _look_up(self):
-        """Looks up masses and forces of the meshes, and makes their invIT rows of one table."""
-        self.invMass = np.array([*map(attrgetter("_invMass"), self.meshes), 0.0])
-        self.isFixed = self.invMass[:-1] == 0.0
-        self.isDriven = np.array([m._load is not None for m in self.meshes], dtype=bool)
-        self._invIT, self.isOutdated = self._tensors("invIT"), False
-        for mesh, tensor in zip(self.meshes, self._invIT.T.reshape(-1, 3, 3), strict=True):
-            mesh._invIT = tensor
 
     motion, velocity, orientation = (_without_ground(*rows) for rows in ((9,), (3, 9), (9, 13)))
     position, linVelocity, angVelocity = (_without_ground(k, k + 3) for k in (0, 3, 6))
@@ -272,9 +260,9 @@ class Bodies:
         return b, take(vertices, index[below], axis=1) + take(self.position, b, axis=1)
 
     def check(self, when):
-        """Raises StateError as `check_numbers`; when : what the step has just done"""
+        """Raises StateError as `Snapshot.check`; when : what the step has just done"""
         if not (np.abs(self.state[:, :-1]) <= LARGEST_NUMBER).all():
-            check_numbers(snapshot_of(self.state), self.meshes, when)
+            snapshot_of(self.state).check(self.meshes, when)
 
     def write_back(self):
         """Stores the state of the meshes; fixed meshes without a velocity keep theirs."""

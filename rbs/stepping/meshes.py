@@ -29,21 +29,8 @@ class StateError(ArithmeticError):
     """A step would give a body a number that is NaN, infinite or beyond LARGEST_NUMBER."""
 
 
-def check_numbers(columns, meshes, when):
-    """Raises StateError, which names the body, if a number is NaN, infinite or too large.
-
-    columns : dict of tables (w, n), such as a `Snapshot`; when : what the step has just done
-    """
-    for name, table in columns.items():
-        isFine = abs(table) <= LARGEST_NUMBER  # false for NaN
-        if not isFine.all():
-            b = int(isFine.all(axis=0).argmin())
-            value = float(table[~isFine[:, b], b][0])
-            raise StateError(f"body {b}, {meshes[b].name!r}: {name} holds {value:g} after {when}")
-
-
 def check_states(meshes, when):
-    """Raises StateError, as `check_numbers`, if a number in the state of meshes is invalid."""
+    """Raises StateError, as `Snapshot.check`, if a number in the state of meshes is invalid."""
     values = [value for mesh in meshes for value in _state(mesh)]
     try:
         table = np.concatenate(values, axis=1)
@@ -51,7 +38,7 @@ def check_states(meshes, when):
         table = np.concatenate([np.zeros(1), *values], axis=None)
     sizes = np.abs(table)
     if not sizes.item(sizes.argmax()) <= LARGEST_NUMBER:  # also for NaN; faster than max
-        check_numbers(Snapshot.of(meshes), meshes, when)
+        Snapshot.of(meshes).check(meshes, when)
 
 
 def check_distinct(meshes):
@@ -59,15 +46,6 @@ def check_distinct(meshes):
     if len({id(mesh) for mesh in meshes}) < len(meshes):
         twice = next(k for k, mesh in enumerate(meshes) if any(mesh is m for m in meshes[:k]))
         raise ValueError(f"mesh {twice}, {meshes[twice].name!r}, is listed twice")
-
-
-def check_start(columns, meshes):
-    """Raises StateError or ValueError, which names the body, if no step can begin in a state."""
-    check_numbers(columns, meshes, "the last step")
-    isTurn = (columns["orientation"] ** 2).sum(axis=0) > 0.0
-    if not isTurn.all():
-        b = int(isTurn.argmin())
-        raise ValueError(f"body {b}, {meshes[b].name!r}: the orientation is zero")
 
 
 def check_methods(meshes, Mesh):
@@ -92,6 +70,26 @@ class Snapshot(dict):
         if table is not None:
             return table.snapshot()
         return cls({name: columns_of(meshes, name) for name in STATE_WIDTHS})
+
+    def check(self, meshes, when):
+        """Raises StateError, which names the body, if a number is NaN, infinite or too large.
+
+        when : what the step has just done
+        """
+        for name, table in self.items():
+            isFine = abs(table) <= LARGEST_NUMBER  # false for NaN
+            if not isFine.all():
+                b = int(isFine.all(axis=0).argmin())
+                told = f"{name} holds {float(table[~isFine[:, b], b][0]):g} after {when}"
+                raise StateError(f"body {b}, {meshes[b].name!r}: {told}")
+
+    def check_start(self, meshes):
+        """Raises StateError or ValueError, which names the body, if no step can begin here."""
+        self.check(meshes, "the last step")
+        isTurn = (self["orientation"] ** 2).sum(axis=0) > 0.0
+        if not isTurn.all():
+            b = int(isTurn.argmin())
+            raise ValueError(f"body {b}, {meshes[b].name!r}: the orientation is zero")
 
     def restore(self, meshes):
         """Puts the meshes into this state."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rbs.geometry.triples import ZERO, add, floats, number, shown_value, sub, vector
-from rbs.stepping.meshes import Snapshot, check_distinct, check_start
+from rbs.stepping.meshes import Snapshot, check_distinct
 
 # Index of the ground as the second body of a contact.
 GROUND = -1
@@ -209,7 +209,7 @@ class Step:
                     if not hasattr(mesh, "position"):
                         told = f"meshes[{b}] must be a Mesh, not {shown_value(mesh)}"
                         raise TypeError(told) from None
-                check_start(Snapshot.of(self.meshes), self.meshes)
+                Snapshot.of(self.meshes).check_start(self.meshes)
             raise
 
     def begin_contact(self, i, j, contact):

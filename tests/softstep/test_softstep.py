@@ -12,7 +12,8 @@ from oracles import body, box_body, penetrations, quaternion, random_quaternions
 from scipy.spatial.transform import Rotation
 
 from rbs.scenes.simulation import SceneSimulation
-from rbs.softstep.manifolds import four_points, separation_growths
+from rbs.softstep.detection import separation_growths
+from rbs.softstep.manifolds import four_points
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import GRAVITY
 from RBSFunctions import run_timestep
