@@ -36,7 +36,7 @@ STEADY = 4e-4
 
 
 class Sleep(SimpleNamespace):
-    """Sleeping state of n bodies, and how long the others have been slow.
+    """Sleeping state of n bodies, and how long the others have been at rest.
 
     isAsleep : (n,) bool; timer : (n,), seconds at rest, inf for fixed bodies
     way : (6, n), displacements and rotation vectors in this time; 0 of sleepers
