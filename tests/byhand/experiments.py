@@ -407,7 +407,7 @@ def crowd(engine):
         meshes.append(box(*place, (1.2, 0.5, 0.7), orientation=q))
         throw(meshes[-1], rng.normal(size=3) - place)
     before = np.array([mesh.linVelocity[0] for mesh in meshes])
-    run(engine, meshes, 0.2, mu=0.3, **FREE)
+    run(engine, meshes, 0.5, mu=0.3, **FREE)
     gain = sum(mesh.linVelocity[0] for mesh in meshes) - before.sum(axis=0)  # equal masses
     return np.linalg.norm(gain) / np.linalg.norm(before, axis=1).sum()
 
