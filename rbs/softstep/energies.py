@@ -87,19 +87,13 @@ def bounded_share(motion, touching, normal, tied, strained, infeasible):
             kept = total(0.5 * products(velocity, velocity))
             limit = np.where(isElastic, np.minimum(limit, kept), limit)
             isOver |= isElastic
-        left = limit - total(0.5 * products(atFree, atFree))
-        root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
+        room = limit - total(0.5 * products(atFree, atFree))
+        root = np.sqrt(np.maximum(b * b + 4.0 * a * room, 0.0))
         part = np.maximum((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0)
         share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
 
-    along, isSlowed = np.zeros((6, count)), isOver & rests
-    # friction, and links that are no contacts, take momentum in any direction
-    isHeldFast = np.bincount(held, ~normal.any(axis=0), count) > 0.0
-    some = indices(isSlowed & ~isHeldFast)
-    if len(some):
-        mean = np.array([total(mass * v)[some] for v in velocity[:3]]) / total(mass)[some]
-        along[:3, some] = _along_supports(mean, normal, held, some, count)
-    along = take(along, island, axis=1)
+    isSlowed = isOver & rests
+    along = _along_supports(velocity, mass, normal, held, isSlowed, island)
     own = total(0.5 * mass * dot(along, along))
     left = np.maximum(limit - own, 0.0) / np.maximum(energy - own, TINY)
     shrink = np.sqrt(np.where(isSlowed, left, 1.0))[island]
@@ -129,14 +123,21 @@ def _supports(motion, links, mass, island, count):
     return some, held, frame, isWorked
 
 
-def _along_supports(mean, normal, held, some, count):
-    """Parts (3, K) of the mean velocities (3, K) of some islands (K,), of `count`, along all that
-    they rest on without friction. They stay.
+def _along_supports(velocity, mass, normal, held, isSlowed, island):
+    """Parts (6, m) of the mean velocities of the islands isSlowed (I,) along all that they rest on.
+    They stay. Friction, and links that are no contacts, take momentum in any direction.
 
-    normal, held : (3, L), (L,), of what islands rest on, and these
+    normal, held : (3, L), (L,), of what islands rest on, or 0, and these
     """
-    axes = np.eye(3)[:, :, None] * (1.0 - dot(normal, normal)) + normal[:, None] * normal
-    blocked = [np.bincount(held, axis, count)[some] for axis in axes.reshape(9, -1)]
-    values, vectors = np.linalg.eigh(np.transpose(blocked).reshape(-1, 3, 3))
-    vectors *= (values <= ROUNDING * values[:, 2:])[:, None]
-    return np.einsum("iak,ibk,bi->ai", vectors, vectors, mean)
+    count = len(isSlowed)
+    along, isHeldFast = np.zeros((6, count)), np.bincount(held, ~normal.any(axis=0), count) > 0.0
+    some = indices(isSlowed & ~isHeldFast)
+    if len(some):
+        total = [np.bincount(island, x, count)[some] for x in (*(mass * velocity[:3]), mass)]
+        axes = np.eye(3)[:, :, None] * (1.0 - dot(normal, normal)) + normal[:, None] * normal
+        blocked = [np.bincount(held, axis, count)[some] for axis in axes.reshape(9, -1)]
+        values, vectors = np.linalg.eigh(np.transpose(blocked).reshape(-1, 3, 3))
+        vectors *= (values <= ROUNDING * values[:, 2:])[:, None]
+        mean = np.array(total[:3]) / total[3]
+        along[:3, some] = np.einsum("iak,ibk,bi->ai", vectors, vectors, mean)
+    return take(along, island, axis=1)

@@ -53,7 +53,10 @@ class SoftConstraints:
         before, (pull, lasting) = kept.constraint, kept.constraintImpulse
         now = last = slice(None)
         if not np.array_equal(key[:4], before[:4]):
-            now, last = (key[:4, :, None] == before[:4, None]).all(axis=0).nonzero()
+            both = np.concatenate((key[:4], before[:4]), axis=1)
+            ends = np.unique(both, axis=1, return_inverse=True)[1].ravel()
+            ends = np.split(ends, [len(isNew)])
+            _, now, last = np.intersect1d(*ends, return_indices=True)
         # the force, and the masses of links, stay
         self.impulse[:, now], isNew[now] = (ratio * pull[last], lasting[last] / ratio), False
         columns = take(motion.column, bodies)
@@ -74,7 +77,7 @@ class SoftConstraints:
         given = self._column.tobytes(), isMoving.tobytes()
         self.ends, self.rows, self._order, self._bodies, self._which = _paired(*given)
         self._last, lasting = np.abs(self.impulse[:, self.movable])
-        if ratio > 1.0:
+        if ratio > 1.0:  # links must bear the pull of a longer substep at once
             lasting = np.maximum(lasting, self._last)
         # the first pull counts as one that lasts, or light links would fly off
         self._last[isNew[self.movable]] = np.inf
@@ -140,9 +143,9 @@ class SoftConstraints:
             motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
     def unmet(self, motion):
-        """`(strained (2, I), infeasible (2, J))`: columns of `Motion` that constraints join which
-        are pushed as fast as may be, and whose errors Newton's method does not halve. Constraints
-        are at its last poses then.
+        """`(strained (2, I), infeasible (2, J))`: columns of `Motion` that constraints join whose
+        push has the largest speed allowed, and those whose errors Newton's method does not halve.
+        The constraints are left at the poses at which it ended.
         """
         if self.count == 0:
             return self.columns, self.columns
