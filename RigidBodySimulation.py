@@ -9,13 +9,15 @@ and `flatten_meshes`. Polyscope is imported only if something is drawn.
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
+from rbs.program.startup import prepare
+from rbs.scenes.messages import COMMAND, PROGRAM_NAME
+
+if __name__ == "__main__" or PROGRAM_NAME == COMMAND:
+    prepare()
+
 import math
-import signal
-
-if __name__ == "__main__":  # until `main` begins, Ctrl-C ends it without a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 import os
+import signal
 import sys
 import warnings
 from contextlib import closing

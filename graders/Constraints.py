@@ -7,10 +7,10 @@ As in the release, the upper and then the lower bound are resolved on the same a
 velocities with uncorrected positions.
 """
 
-import signal
+import reference
 
-if __name__ == "__main__":  # until `main` begins, Ctrl-C ends it without a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+if __name__ == "__main__":
+    reference.prepare()
 
 import sys
 

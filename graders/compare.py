@@ -8,10 +8,10 @@ All steps run in a process of their own, within the limits. The exit code is 0 i
 1 if one differs or is not made, and 2 if the comparison is impossible.
 """
 
-import signal
+import reference
 
-if __name__ == "__main__":  # until `main` begins, Ctrl-C ends it without a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+if __name__ == "__main__":
+    reference.prepare()
 
 import argparse
 import sys

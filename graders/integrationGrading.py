@@ -7,10 +7,10 @@ The released data hold a result for one sample only (quirk 3 in graders/README.m
 graded. A fresh sample makes two steps of other lengths.
 """
 
-import signal
+import reference
 
-if __name__ == "__main__":  # until `main` begins, Ctrl-C ends it without a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+if __name__ == "__main__":
+    reference.prepare()
 
 import sys
 

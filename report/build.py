@@ -12,10 +12,10 @@ Exits with 1 if a claim does not hold, a part fails, or the report has too many 
 PDF is written in any case.
 """
 
-import signal
+from rbs.program.startup import prepare
 
-if __name__ == "__main__":  # Ctrl-C ends it without a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+if __name__ == "__main__":
+    prepare()
 
 import argparse
 import concurrent.futures

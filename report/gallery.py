@@ -4,10 +4,10 @@ Every picture is in the studio look, drawn at twice its size and scaled down. A 
 camera is framed as by the command line, to which report/README.md gives the arguments.
 """
 
-import signal
+from rbs.program.startup import prepare
 
-if __name__ == "__main__":  # Ctrl-C ends it without a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+if __name__ == "__main__":
+    prepare()
 
 from functools import partial
 from pathlib import Path

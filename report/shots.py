@@ -3,10 +3,10 @@
 Stills go to figures/, videos to videos/.
 """
 
-import signal
+from rbs.program.startup import prepare
 
-if __name__ == "__main__":  # Ctrl-C ends it without a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+if __name__ == "__main__":
+    prepare()
 
 from functools import partial
 from pathlib import Path

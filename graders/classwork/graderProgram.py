@@ -97,8 +97,7 @@ def run_program(parser, main):
     Returns the exit code: that of `main`, or BAD_DATA or STOPPED after one line on stderr.
     """
     arguments = parser.parse_args()
-    # not every terminal has the letters of the hints; a closed stream is None
-    for stream in filter(None, (sys.stdout, sys.stderr)):
+    for stream in (sys.stdout, sys.stderr):  # not every terminal has the letters of the hints
         stream.reconfigure(errors="replace")
     try:
         with signals_raised(), signals_kept():
@@ -116,8 +115,7 @@ def run_program(parser, main):
     except KeyboardInterrupt as problem:
         told = [one for one in problem.args if isinstance(one, str)]
         code, cause = STOPPED, " ".join(["stopped", *told])
-    if sys.stderr is not None:
-        print(f"{parser.prog}: {one_line(cause)}", file=sys.stderr)
+    print(f"{parser.prog}: {one_line(cause)}", file=sys.stderr)
     return code
 
 

@@ -1,7 +1,7 @@
 """The graders' data, and the results that submissions are compared with.
 
-`graderData` reads the data files; `rigidModel` computes every result. Importing this
-package makes the project's modules importable, too, wherever a grader is started.
+`graderData` reads the data files; `rigidModel` computes every result. Graders import
+this package first: it makes the project's modules importable, wherever a grader is started.
 """
 
 import sys
@@ -9,3 +9,7 @@ from pathlib import Path
 
 PROJECT_DIRECTORY = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(PROJECT_DIRECTORY))
+
+from rbs.program.startup import prepare  # noqa: E402
+
+__all__ = ["PROJECT_DIRECTORY", "prepare"]

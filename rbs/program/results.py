@@ -194,5 +194,5 @@ def names_of(kind):
 
 def check_kind(name, value, kind, what):
     """Raises TypeError, naming an argument, unless it is of a type. what : the type in words"""
-    if not isinstance(value, kind):
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not object):
         raise TypeError(f"{name} must be {what}, not {type(value).__name__}")

@@ -6,9 +6,8 @@ from importlib import import_module
 from pathlib import Path
 
 # The beginning of every message on stderr: the installed command, or the script.
-PROGRAM_NAME = "rigid-body-simulation"
-if Path(sys.argv[0]).stem != PROGRAM_NAME:
-    PROGRAM_NAME = "RigidBodySimulation.py"
+COMMAND = "rigid-body-simulation"
+PROGRAM_NAME = COMMAND if Path(sys.argv[0]).stem == COMMAND else "RigidBodySimulation.py"
 # Prefixes of units, and their values.
 PREFIXES = {"T": 1e12, "G": 1e9, "M": 1e6, "k": 1e3, "": 1.0}
 

@@ -46,7 +46,8 @@ def from_surface(
             surface = vertices.to_mesh() if hasattr(vertices, "to_mesh") else vertices
             vertices, faces = surface.vertices, surface.faces
         vertices = checked_numbers("vertices", vertices, 3)
-        vertices, faces = clean_surface(vertices, np.array(faces, dtype=np.int64))
+        faces = checked_numbers("faces", faces, 3, dtype=np.int64)
+        vertices, faces = clean_surface(vertices, faces)
         faces = close_surface(f"mesh {name}", vertices, faces, stacklevel=2)
         vertices, faces = clean_surface(vertices, faces)
         vertices, faces, tets = fill_surface(vertices, faces)
@@ -75,8 +76,8 @@ def convex_hull(
     The rest is as for `from_surface`. Raises ValueError if the hull has no volume.
     """
     try:
-        hull = ConvexHull(np.array(points, dtype=np.float64).reshape(np.shape(points)[0], 3))
-    except (IndexError, QhullError, TypeError, ValueError):
+        hull = ConvexHull(checked_numbers("points", points, 3))
+    except (QhullError, ValueError):
         raise ValueError(
             f"mesh {name}: points must be rows of 3 finite numbers, four or more not in a plane"
         ) from None
@@ -84,11 +85,16 @@ def convex_hull(
 
 
 def box(
-    size: ArrayLike, density: float, position: ArrayLike = ZERO, name: str = "box", **others: Any
+    size: ArrayLike,
+    density: float,
+    position: ArrayLike = ZERO,
+    name: str = "box",
+    orientation: ArrayLike = (1, 0, 0, 0),
+    isFixed: bool = False,
 ) -> Mesh:
     """Makes a box with sides (3,) along x, y and z. The rest is as for `convex_hull`."""
     points = _lengths(name, "size", size, 3) * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
-    return convex_hull(points, density, position, name, **others)
+    return convex_hull(points, density, position, name, orientation, isFixed)
 
 
 def sphere(
@@ -97,7 +103,8 @@ def sphere(
     position: ArrayLike = ZERO,
     name: str = "sphere",
     corners: int = 162,
-    **others: Any,
+    orientation: ArrayLike = (1, 0, 0, 0),
+    isFixed: bool = False,
 ) -> Mesh:
     """Makes a ball: a polyhedron with its corners on the sphere. The rest is as for `convex_hull`.
 
@@ -106,7 +113,8 @@ def sphere(
     """
     (radius,) = _lengths(name, "radius", radius)
     corners = checked_count(corners, f"mesh {name}: corners", 4, 10_000)
-    return convex_hull(_sphere_points(radius, corners), density, position, name, **others)
+    points = _sphere_points(radius, corners)
+    return convex_hull(points, density, position, name, orientation, isFixed)
 
 
 def cylinder(
@@ -116,7 +124,8 @@ def cylinder(
     position: ArrayLike = ZERO,
     name: str = "cylinder",
     sides: int = 24,
-    **others: Any,
+    orientation: ArrayLike = (1, 0, 0, 0),
+    isFixed: bool = False,
 ) -> Mesh:
     """Makes a cylinder around y, as a prism. The rest is as for `convex_hull`."""
     (radius,), (height,) = _lengths(name, "radius", radius), _lengths(name, "height", height)
@@ -124,7 +133,8 @@ def cylinder(
     angles = 2.0 * np.pi * np.arange(sides) / sides
     rim = np.stack([radius * np.sin(angles), 0.0 * angles, radius * np.cos(angles)], axis=1)
     half = np.array([0.0, height / 2.0, 0.0])
-    return convex_hull(np.concatenate([rim - half, rim + half]), density, position, name, **others)
+    points = np.concatenate([rim - half, rim + half])
+    return convex_hull(points, density, position, name, orientation, isFixed)
 
 
 def _lengths(name, what, value, count=1):

@@ -15,7 +15,7 @@ from Quaternion import rotation_matrices
 from rbs.geometry import triples
 from rbs.geometry.hulls import FEATURE_TOLERANCE, rotate_columns
 from rbs.geometry.triples import ZERO, floats, mul_add, number, row, shown_value, vector
-from rbs.stepping.settings import EARTH
+from rbs.stepping.settings import EARTH, as_numbers
 
 # Largest number allowed in a state, in any unit. Products of four such numbers are still finite.
 LARGEST_NUMBER = 1e75
@@ -121,8 +121,8 @@ def columns_of(meshes, name, some=None):
         some = range(len(meshes)) if some is None else some
         for row, b, value in zip(table, some, values, strict=True):
             try:
-                row[:] = floats(value, width)
-            except (TypeError, ValueError):
+                row[:] = floats(as_numbers(value), width)
+            except (TypeError, ValueError, OverflowError):
                 what = f"{name} must be {width} numbers, not {shown_value(value)}"
                 raise ValueError(f"body {b}, {meshes[b].name!r}: {what}") from None
     return np.ascontiguousarray(table.T, dtype=np.float64)
@@ -188,12 +188,10 @@ def is_inertia(tensor):
 def checked_numbers(what, value, width, count=None, dtype=np.float64):
     """Returns finite numbers as a new array (count or n, width). Raises ValueError."""
     try:
-        if np.asarray(value).dtype.kind not in "iuf":
-            raise TypeError
-        array = np.array(value, dtype=np.float64)
+        array = as_numbers(value)
         if count or array.size == 0:
             array = array.reshape(count or 0, width)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.array(np.nan)
     isFitting = array.ndim == 2 and array.shape[1] == width and np.isfinite(array).all()
     if not isFitting or (array != array.astype(dtype)).any():

@@ -29,6 +29,17 @@ EARTH = (0.0, GRAVITY, 0.0)
 POSITIVE, ANY = (0.0, math.inf), (-math.inf, math.inf)
 
 
+def as_numbers(value):
+    """Returns a value as an array of floats. Raises TypeError, ValueError or OverflowError if it is
+    not made of numbers, also for a bool or a text among them.
+    """
+    array = value if isinstance(value, np.ndarray) else np.asarray(value, dtype=object)
+    some = array.flat if array.dtype == object else [array]
+    if not {np.asarray(one).dtype.kind for one in some} <= {*"iufO"}:
+        raise TypeError
+    return np.asarray(value, dtype=np.float64)
+
+
 class Setting:
     """What belongs to a field of `Settings` besides its name, type and default.
 
@@ -63,12 +74,11 @@ class Setting:
             found, isFine = bool(value), value in (True, False)
         else:
             try:
-                if isinstance(value, str | bool):
-                    raise TypeError
-                found = self.kind(number(value))
+                given = number(as_numbers(value))
+                found = self.kind(given)
             except (TypeError, ValueError, OverflowError):
-                found = math.nan
-            isFine = low <= found <= high and math.isfinite(found) and found == number(value)
+                given = found = math.nan
+            isFine = low <= found <= high and math.isfinite(found) and found == given
         if not isFine:
             raise ValueError(f"must be {self.values(low, high)}, not {shown_value(value)}")
         return found
@@ -101,10 +111,8 @@ class Gravity(Setting):
                 remedy = "a number g acts along -y; for another direction, give a vector x,y,z"
                 raise ValueError(f"{error}; {remedy}") from None
         try:
-            if np.asarray(value).dtype.kind == "U":
-                raise TypeError
-            x, y, z = found = floats(value, 3)
-        except (TypeError, ValueError):
+            x, y, z = found = floats(as_numbers(value), 3)
+        except (TypeError, ValueError, OverflowError):
             found = (math.nan,)
         if not all(abs(one) <= self.limits[1] for one in found):
             raise ValueError(f"must be three numbers in m/s², not {shown_value(value)}")

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from opengl import require_opengl
 from oracles import ROOT
 from PIL import Image
 from program import CAMERA, DATA, PROGRAM, by_hand, call, python, run, start, summary_of, wait_for
+from studentVariants import STUDENT
 
 from rbs.program.options import TABLE, WINDOW, parse_options
 from rbs.recordings.recording import Recording
+from rbs.scenes.messages import COMMAND
 from rbs.scenes.simulation import SceneSimulation
 from RigidBodySimulation import load_constraint_file, load_scene_file
 
@@ -129,10 +132,11 @@ SCRIPTS = [one for name in SCRIPTS for one in sorted(ROOT.glob(f"{name}.py"))]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows cannot send Ctrl-C to one process")
-@pytest.mark.parametrize("program", SCRIPTS, ids=lambda one: one.stem)
+@pytest.mark.parametrize("program", [*SCRIPTS, Path(COMMAND)], ids=lambda one: one.stem)
 def test_ctrl_c_during_imports_ends_a_program_without_a_word(program, tmp_path):
+    (tmp_path / COMMAND).write_text("from RigidBodySimulation import program")  # as pip's does
     (tmp_path / "numpy.py").write_text("import signal\nsignal.raise_signal(signal.SIGINT)\n")
-    process = python(tmp_path, program, PYTHONPATH=str(tmp_path))
+    process = python(tmp_path, program, PYTHONPATH=os.pathsep.join(map(str, (tmp_path, ROOT))))
     assert (process.returncode, process.stdout, process.stderr) == (-signal.SIGINT, "", "")
 
 
@@ -149,6 +153,16 @@ def test_what_cannot_be_printed_is_told_in_one_line(words, tmp_path):
     assert (ended.returncode, ended.stderr) == (2, said)
     ended = python(tmp_path, *words, preexec_fn=lambda: os.close(1))
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+@onLinux
+@pytest.mark.parametrize("closed", [(2,), (0, 1, 2)])
+def test_closed_streams_change_no_verdict(closed, tmp_path):
+    """Pipes and files that are opened do not get the numbers of these streams."""
+    words = ROOT / "graders" / "grade.py", STUDENT, "--out", tmp_path / "out"
+    ended = python(tmp_path, *words, preexec_fn=lambda: [*map(os.close, closed)])
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert list((tmp_path / "out").glob("student.txt"))
 
 
 # Words, and the scene, the overlays, gravity and constraints that they mean.

@@ -147,6 +147,8 @@ s.set_state({"positions": np.zeros((3, 3))})  # orientations
 s.from_meshes([ONE, ONE], [["a", 0, 1, 0, 1, 1]])  # constraint
 Simulation("ok.h5")  # Simulation.open
 s.move(0, (0, 1, 0), (0, 0, 0, 0))  # orientation
+s.stepCount = True  # stepCount
+shapes.cylinder(1, 1, 1, axis="z")  # cylinder() got an unexpected keyword argument 'axis'
 s.constrain(0, m.position, 1, (0, 20, 0))  # outside
 s.record("run.csv").__enter__()  # run.csv
 s.export("c.glb", colouring=np.str_("sped"))  # not 'sped'

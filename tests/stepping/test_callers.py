@@ -109,6 +109,7 @@ def test_what_makes_no_mass_is_refused_by_name_when_it_is_assigned():
         ("linVelocity", np.full((1, 3), math.nan), "linVelocity holds nan after the last step"),
         ("position", (0.0, 0.0, 1e99), "position holds 1e.99 after the last step"),
         ("position", np.zeros(2), "position must be 3 numbers"),
+        ("linVelocity", [True, 2.0, 3.0], "linVelocity must be 3 numbers, not .True"),
         ("angVelocity", [None, 1.0, 2.0], "angVelocity holds nan after the last step"),
     ],
 )
@@ -152,10 +153,17 @@ REFUSED = {
     "a coordinate is not finite or beyond": (mesh_with("origVertices"), (VERTICES * 1e60,)),
     "outwards": (lambda x: Mesh("x", VERTICES, x, [], 1, (0, 0, 0), IDENTITY, False), (TURNED,)),
     "faces": (lambda x: shapes.from_surface("x", x, None, 1.0), (box(1, 1, 1), None, "")),
+    "whole": (lambda x: shapes.from_surface("x", VERTICES, x, 1.0), (FACES + 0.5, [[True, 0, 1]])),
     "radius": (lambda x: shapes.sphere(x, 1), (-1, 0, math.nan, math.inf, "big", (1, 2))),
-    "size": (lambda x: shapes.box(x, 1), ((1, 1), (1, -1, 1), (True,) * 3, 2.0, None)),
+    "size": (
+        lambda x: shapes.box(x, 1),
+        ((1, 1), (1, -1, 1), (1, True, 1), 2.0, None, [10**400] * 3),
+    ),
     "sides": (lambda x: shapes.cylinder(1, 1, 1, sides=x), (2, -3, 4.5, 10**9)),
-    "points": (lambda x: shapes.convex_hull(x, 1), (np.eye(3), np.eye(4, 2), np.zeros(9), 3)),
+    "points": (
+        lambda x: shapes.convex_hull(x, 1),
+        (np.eye(3), np.eye(4, 2), np.zeros(9), 3, ["123"]),
+    ),
     "density": (lambda x: shapes.box((1, 1, 1), x), (0, -1, None, math.nan, True)),
     "position": (lambda x: shapes.box((1, 1, 1), 1, x), ((1, 2), math.nan, "here")),
     "force": (lambda x: pair()[0].set_force(x), ((1, 2), None, (0, 0, math.nan))),
