@@ -9,7 +9,7 @@ and `flatten_meshes`. Polyscope is imported only if something is drawn.
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
-from rbs.program.startup import prepare
+from rbs.program.startup import open_streams, prepare
 from rbs.scenes.messages import COMMAND, PROGRAM_NAME
 
 if __name__ == "__main__" or PROGRAM_NAME == COMMAND:
@@ -18,7 +18,6 @@ if __name__ == "__main__" or PROGRAM_NAME == COMMAND:
 import math
 import os
 import signal
-import sys
 import warnings
 from contextlib import closing
 from functools import partial
@@ -61,12 +60,11 @@ def main(arguments: list[str] | None = None) -> int:
     Returns the exit code: 0; 1 if --verify finds a difference; 2 for bad input, or if an output
     cannot be written; 3 if a number of a run becomes invalid; 130 after Ctrl-C; 143 after kill.
     """
+    open_streams()
     options = commandLine.parse_options(arguments)
     with warnings.catch_warnings(), files.signals_raised():
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
-        if hasattr(sys.stdout, "reconfigure"):  # the terminal may lack characters of a name
-            sys.stdout.reconfigure(errors="backslashreplace")
         try:
             with files.signals_kept():
                 return run_mode(options)

@@ -149,7 +149,9 @@ class Ledger:
 
 def write_text(path, text):
     path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="\n") as file:
+    # a name may have bytes that are not UTF-8; JSON reads what replaces them as the same name
+    form = {"encoding": "utf-8", "errors": "backslashreplace", "newline": "\n"}
+    with atomic_write(path) as part, open(part, "w", **form) as file:
         file.write(text)
 
 

@@ -97,8 +97,6 @@ def run_program(parser, main):
     Returns the exit code: that of `main`, or BAD_DATA or STOPPED after one line on stderr.
     """
     arguments = parser.parse_args()
-    for stream in (sys.stdout, sys.stderr):  # not every terminal has the letters of the hints
-        stream.reconfigure(errors="replace")
     try:
         with signals_raised(), signals_kept():
             code = main(arguments)

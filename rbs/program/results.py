@@ -24,6 +24,7 @@ from rbs.recordings.page import PageWriter, Player
 from rbs.recordings.replay import RecordedSettings
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
+from rbs.scenes.messages import one_line
 from rbs.scenes.scene import Writer, followed_by, steps_of_run
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.simulation import check_attributes, no_attribute
@@ -177,7 +178,7 @@ class Results:
         rows = state_summary(self) | {"settings": repr(self.settings)}
         row = "<tr><th>{}</th><td>{}</td></tr>".format
         cells = "".join(row(name, html.escape(text)) for name, text in rows.items())
-        title = f"<b>{html.escape(scene_name(self.scenePath))}</b>"
+        title = f"<b>{html.escape(one_line(scene_name(self.scenePath)))}</b>"
         if backend().name is not None and not backend().opensWindow and self.meshes:
             self.picture(size=SMALL_SIZE).save(content := io.BytesIO(), "PNG")
             text = base64.b64encode(content.getvalue()).decode("ascii")

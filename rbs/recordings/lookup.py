@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from rbs.recordings.recording import Recording, is_recording_name
 from rbs.recordings.replay import Replay
+from rbs.scenes.messages import one_line
 from rbs.scenes.scenefiles import DATA_FOLDER, find_scene, list_scenes, scene_name
 from rbs.scenes.settingtexts import apply_settings, note_recommended
 from rbs.scenes.simulation import SceneSimulation
@@ -77,11 +78,12 @@ def list_files(folder):
     """
     folder, ours = Path(folder), {scene_name(path): path for path in list_scenes(DATA_FOLDER)}
     scenes = list_scenes(folder) if folder.resolve() != DATA_FOLDER.resolve() else []
-    named = [(scene_name(path), path) for path in scenes]
-    listed = {name: ListedFile(BESIDE, name, path.name, path) for name, path in named}
+    named = [(one_line(scene_name(path)), path) for path in scenes]
+    listed = {name: ListedFile(BESIDE, name, one_line(path.name), path) for name, path in named}
     for path in sorted(folder.glob("*")):  # none if the folder has been removed
         if is_recording_name(path):
-            listed[path.name] = ListedFile(BESIDE, path.name, "a recording", path)
+            name = one_line(path.name)
+            listed[name] = ListedFile(BESIDE, name, "a recording", path)
     for group, lines in [*SCENES.items(), ("other scenes", dict.fromkeys(ours, ""))]:
         for name in filter(ours.__contains__, lines):
             listed.setdefault(name, ListedFile(group, name, lines[name], ours[name]))

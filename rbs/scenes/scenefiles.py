@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from rbs.geometry.triples import floats
 from rbs.scenes.files import RECORDING_ENDINGS, LineReader, SceneError, check_path, read_text
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file, warn_of_shape
-from rbs.scenes.messages import short
+from rbs.scenes.messages import PROGRAM_NAME, short
 from rbs.scenes.state import inertias_of, set_inertia
 from rbs.stepping.constraints import constraint_table
 from rbs.stepping.meshes import STATE_WIDTHS
@@ -317,7 +317,7 @@ def find_scene(text, folder=None):
         return path
     known = [scene_name(scene) for scene in list_scenes(DATA_FOLDER)]
     similar = " or ".join(get_close_matches(str(text).lower(), known))
-    remedy = f"did you mean {similar}?" if similar else "--help lists the scenes"
+    remedy = f"did you mean {similar}?" if similar else f"{PROGRAM_NAME} --help lists the scenes"
     raise SceneError(text, None, f"no such scene or file; {remedy}")
 
 

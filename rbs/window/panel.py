@@ -20,7 +20,7 @@ from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import FRONT, SIDE, TOP, present_camera
 from rbs.recordings.lookup import list_files
 from rbs.scenes.files import interrupts_held
-from rbs.scenes.messages import counted, print_error, short, shown_path
+from rbs.scenes.messages import counted, one_line, print_error, short, shown_path
 from rbs.scenes.settingtexts import TEXTS
 from rbs.window import widgets
 from rbs.window.glass import Glass
@@ -414,7 +414,7 @@ class Panel:
         simulation = self.viewer.simulation
         report, count = simulation.report, len(simulation.meshes)
         fixed = sum(mesh.isFixed for mesh in simulation.meshes)
-        lines = [counted(count - fixed, "body") + f", {fixed} fixed" * bool(fixed)]
+        lines = [counted(count, "body") + f" ({fixed} fixed)" * bool(fixed)]
         if simulation.settings.ground:
             lines += [f"floor squares {self.viewer.view.squareSide:g} m"]
         lines += [f"step {simulation.stepCount}, {simulation.time:.2f} s simulated"]
@@ -542,5 +542,5 @@ class Panel:
         if text:
             sizes = (width, 0), (width, scaled(200))
             with widgets.panel("Message", (left, top), *sizes, "NoInputs", alpha=0.9):
-                psim.TextWrapped(text)
+                psim.TextWrapped("\n".join(map(one_line, text.splitlines())))
                 self._banner = round(psim.GetWindowHeight())

@@ -288,4 +288,4 @@ class Viewer:
     @property
     def name(self):
         """The name of the current scene."""
-        return scene_name(self.simulation.scenePath)
+        return one_line(scene_name(self.simulation.scenePath))

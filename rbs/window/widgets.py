@@ -11,6 +11,8 @@ from textwrap import fill
 import polyscope as ps
 import polyscope.imgui as psim
 
+from rbs.scenes.messages import one_line
+
 # Colours: of what is secondary, of the heads of sections and the chosen row of a list, of the light
 # while a file is written, and of the present step on the timeline.
 WEAK_TEXT = (0.68, 0.70, 0.72)
@@ -102,7 +104,8 @@ def child(name, size=(0.0, 0.0)):
 def tell(text):
     """Sets the tooltip of the last widget."""
     if psim.IsItemHovered(psim.ImGuiHoveredFlags_ForTooltip):
-        psim.SetTooltip("\n".join(fill(line, TOOLTIP_WIDTH) for line in text.splitlines()))
+        lines = map(one_line, text.splitlines())
+        psim.SetTooltip("\n".join(fill(line, TOOLTIP_WIDTH) for line in lines))
 
 
 def draw_patch(colour, text, draw=psim.Text):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import sys
 from pathlib import Path
@@ -157,12 +158,20 @@ def test_what_cannot_be_printed_is_told_in_one_line(words, tmp_path):
 
 @onLinux
 @pytest.mark.parametrize("closed", [(2,), (0, 1, 2)])
-def test_closed_streams_change_no_verdict(closed, tmp_path):
+def test_closed_streams_and_names_that_are_not_utf_8_change_no_verdict(closed, tmp_path):
     """Pipes and files that are opened do not get the numbers of these streams."""
-    words = ROOT / "graders" / "grade.py", STUDENT, "--out", tmp_path / "out"
-    ended = python(tmp_path, *words, preexec_fn=lambda: [*map(os.close, closed)])
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert list((tmp_path / "out").glob("student.txt"))
+    folder = shutil.copytree(STUDENT, tmp_path / "M\udcfcller")
+    words = ROOT / "graders" / "grade.py", folder, "--out", tmp_path / "out"
+    for more in ((), ("--resume",)):
+        ended = python(tmp_path, *words, *more, preexec_fn=lambda: [*map(os.close, closed)])
+        assert (ended.returncode, ended.stderr) == (0, "")
+    assert len(list((tmp_path / "out").glob("M*ller.txt"))) == 1
+
+
+@pytest.mark.parametrize("program", SCRIPTS, ids=lambda one: one.stem)
+def test_help_is_printed_where_characters_are_lacking(program, tmp_path):
+    ended = python(tmp_path, program, "--help", PYTHONIOENCODING="ascii")
+    assert (ended.returncode, ended.stderr) == (0, "") and "--help" in ended.stdout
 
 
 # Words, and the scene, the overlays, gravity and constraints that they mean.
