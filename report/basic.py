@@ -6,6 +6,7 @@ import math
 import numpy as np
 import runs
 import style
+from oracles import body, shape
 from runs import AWAKE, BOX, SOFT, STEPS, E, G, H, box, experiment, run
 
 from Quaternion import QConj, QRotate
@@ -95,8 +96,8 @@ def energy(axis):
 
 def kept_speed(height, h=H, **options):
     """Fraction of the speed that the first bounce of an octahedron on its tip returns."""
-    tip = -runs.shape("octahedron")[0][:, 1].min()
-    mesh = runs.body("octahedron", (0, tip + height, 0))
+    tip = -shape("octahedron")[0][:, 1].min()
+    mesh = body("octahedron", (0, tip + height, 0))
     for _ in run([mesh], 1000, h, **options):
         v, y = mesh.linVelocity[0, 1], mesh.position[0, 1] - tip
         if v > 0.0:
@@ -132,7 +133,7 @@ SPIN, TUMBLE_SECONDS = (1.5, 0.0, 1.5), 10.0  # midway between the short axis an
 def tumble(axis):
     """Angle over time by which the angular momentum of a free body has turned; it should not."""
     spin, largest = np.array(SPIN), {}
-    momentum = runs.body("long-octahedron").IT @ spin
+    momentum = body("long-octahedron").IT @ spin
     cosine = momentum @ spin / np.linalg.norm(momentum) / np.linalg.norm(spin)
     law = 2 * math.degrees(math.acos(cosine))
     for key, name, h, options, colour, look in (
@@ -141,7 +142,7 @@ def tumble(axis):
         ("cured", "with the term", H, {"gyroscopic": True}, style.GREEN, {"linestyle": "--"}),
         ("soft", None, H, SOFT, None, {}),
     ):
-        mesh, momenta = runs.throw(runs.body("long-octahedron"), spin=SPIN), []
+        mesh, momenta = runs.throw(body("long-octahedron"), spin=SPIN), []
         for _ in run([mesh], round(TUMBLE_SECONDS / h), h, ground=False, **options):
             turned = QRotate(QConj(mesh.orientation), mesh.angVelocity)
             momenta.append(QRotate(mesh.orientation, turned @ mesh.IT.T)[0])

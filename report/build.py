@@ -30,7 +30,6 @@ from pathlib import Path
 
 # Experiments run in parallel, one per core; more threads in each would only slow them down.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import claims
 import runs

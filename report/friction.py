@@ -120,9 +120,6 @@ def carried_law(time, plank, rider):
     return np.stack([SPEED * first - brake * first**2 / 2 + both, pull * first**2 / 2 + both], 1)
 
 
-EXCESSES = ("excess", 0), ("fineExcess", 2)
-
-
 @experiment()
 def carry():
     """A body on a body: ways of a rider and of a thrown plank, beside Coulomb's law."""
@@ -133,5 +130,6 @@ def carry():
     for k, name in enumerate(("plank", "rider")):
         due, *ends = (way[-1, k] for way in (law, ways, soft, fine))
         numbers[name] = dict(zip(("basic", "cured", "fine"), ends, strict=True)) | {"law": due}
-        numbers[name] |= {key: 100 * (ends[n] / due - 1) for key, n in EXCESSES}
+        excess, _, fineExcess = (100 * (one / due - 1) for one in ends)
+        numbers[name] |= {"excess": excess, "fineExcess": fineExcess}
     return numbers

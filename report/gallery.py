@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 from staging import Shot, choose, still, video
 
-from rbs.scenes.settingtexts import apply_settings
-from RigidBodySimulation import Simulation
+from RigidBodySimulation import Settings, Simulation
 
 FOLDER = Path(__file__).resolve().parent / "gallery"
 SIZE, DRAWN = (960, 540), (1920, 1080)
@@ -58,27 +57,20 @@ def along_row(meshes):
     return np.stack([np.interp(place, range(len(SUNSET)), c) for c in rgb(SUNSET).T], axis=1)
 
 
-def recommended(name, **given):
-    """Returns the Simulation of a scene with the settings that it recommends, and others."""
-    simulation = Simulation(name)
-    apply_settings(simulation, given)
-    return simulation
-
-
-def shot(scene, *moments, camera=None, **others):
-    """Returns a `Shot` without a band of a scene, by name, or of what a function returns."""
-    make = scene if callable(scene) else partial(recommended, scene)
+def shot(scene, *moments, camera=None, settings=None, **others):
+    """Returns a `Shot` without a band of a scene, by default with the settings it recommends."""
+    make = partial(Simulation, scene, settings)
     return Shot({"": make}, camera, size=DRAWN, moments=moments, **others)
 
 
-FORCES = ("contacts", "impulses", "friction impulses")
+FORCES, SPEEDS = ("contacts", "impulses", "friction impulses"), ("velocities",)
+RUBBED = Settings(friction=0.5)
 BEHIND, ABOVE = ((3, 3, 41), (12.5, 16, 0), 48), ((80, 66, 182), (-2, 6, 8), 32.5)
-RUBBED = partial(recommended, "stress", friction=0.5)
 PICTURES = {
     "wrecking_ball": shot("wrecking_ball", 289, camera=BEHIND, colours=in_brick),
     "net": shot("net", 140),
     "pile": shot("pile_200", 150, camera=((108, 74, 246), (-2, 6, 0), 31), colours=by_shape),
-    "stress": shot(RUBBED, 130, camera=ABOVE, colours=by_shape, shown=("velocities",)),
+    "stress": shot("stress", 130, settings=RUBBED, camera=ABOVE, colours=by_shape, shown=SPEEDS),
     "heap": shot("heap", 600, camera=((150, 100, 300), (-9, 3, 1.7), 37)),
     "card_house": shot("card_house", 15, camera=((34, 18, 84), (0, 19.3, 0), 31), shown=FORCES),
     "arch": shot("arch", 40, camera=((24, 16, 96), (0, 22, 0), 34), colours=in_stone, shown=FORCES),

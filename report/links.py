@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import runs
 import style
-from runs import AWAKE, BATCHED, H, body, experiment, finish, run, scene, throw
+from oracles import body
+from runs import AWAKE, BATCHED, H, experiment, finish, run, scene, throw
 
 import RBSFunctions
 from RBSFunctions import resolve_position_constraint, resolve_velocity_constraint

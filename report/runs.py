@@ -17,17 +17,16 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "byhand"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import engines
+from oracles import body
 
 from Quaternion import QConj, QRotate
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import SETTINGS
-from RBSFunctions import Mesh, ground as make_ground, run_timestep
-from RigidBodySimulation import Settings, Simulation, load_mesh_file
+from RBSFunctions import ground as make_ground, run_timestep
+from RigidBodySimulation import Settings, Simulation
 
-ROOT = Path(__file__).resolve().parent.parent
 G, H, E = (SETTINGS[name].default for name in ("gravity", "timeStep", "restitution"))
 SUBSTEPS = SETTINGS["substeps"].default
 BOX = np.array([12.0, 6.0, 8.0])  # sizes of data/box.mesh
@@ -62,17 +61,6 @@ def settings():
     """What the text quotes of the settings."""
     numbers = {"h": H, "e": E, "mu": SETTINGS["friction"].default, "g": G, "substeps": SUBSTEPS}
     return numbers | {"box": " × ".join(f"{side:g}" for side in BOX)}
-
-
-@lru_cache
-def shape(name):
-    return load_mesh_file(ROOT / "data" / f"{name}.mesh")
-
-
-def body(name, position=(0, 0, 0), orientation=(1, 0, 0, 0), size=1.0, isFixed=False, density=1.0):
-    """Returns a `Mesh` of data/<name>.mesh, scaled by one factor or by three."""
-    vertices, faces, tets = shape(name)
-    return Mesh(name, vertices * size, faces, tets, density, position, orientation, isFixed)
 
 
 def box(position, sizes=BOX, **settings):

@@ -14,11 +14,8 @@ from typing import NamedTuple
 import imageio_ffmpeg
 import matplotlib
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
 import polyscope as ps
+from PIL import Image, ImageDraw, ImageFont
 
 from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import BodyColours
