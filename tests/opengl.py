@@ -1,9 +1,8 @@
-"""Off-screen drawing for tests: whether it works here, and where a camera sees a point."""
+"""Off-screen drawing for tests: whether it works here."""
 
 import os
 from functools import lru_cache
 
-import numpy as np
 import pytest
 
 from rbs.pictures.backends import find_backend
@@ -24,12 +23,3 @@ def require_opengl():
     if backend.name is None:
         skip_or_fail(f"nothing can be drawn here: {backend.reason}. {backend.remedy}")
     return backend
-
-
-def in_camera(points, position, target):
-    """(right, up, forward) of points (n, 3) seen from a camera whose up is y: three (n,)."""
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, [0.0, 1.0, 0.0])
-    right /= np.linalg.norm(right)
-    arms = points - position
-    return arms @ right, arms @ np.cross(right, forward), arms @ forward

@@ -1,8 +1,7 @@
 """Independent answers for the tests to compare with, and the shapes and bodies that they share.
 
-Nothing here uses the code that it judges: rotations are SciPy's, depths come from Qhull's hull of
-the Minkowski difference, and the arrays of a shape are read only, so that changing an
-argument in place raises an exception.
+Nothing here uses the code that it judges: rotations are SciPy's, and depths come from Qhull's hull
+of the Minkowski difference. The arrays of a shape are read only.
 """
 
 import itertools
@@ -58,12 +57,10 @@ def body(name, position=(0, 0, 0), orientation=IDENTITY, density=1.0, isFixed=Fa
 
 
 def box_body(x, y, z, position, **settings):
-    """A `Mesh` that is a box with the sizes x, y, z."""
     return body("box", position, size=np.array([x, y, z]) / BOX, **settings)
 
 
 def ground():
-    """The ground as the coursework has it."""
     noRows = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 4), int)
     return Mesh("ground", *noRows, 0.0, np.zeros((1, 3)), np.array([IDENTITY]), True)
 

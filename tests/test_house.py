@@ -71,7 +71,6 @@ def listed(name):
 
 
 def test_modules_import_only_what_the_introductions_list_above_them():
-    """A package may import those listed above it, a module those above it in its package."""
     assert listed("rbs") == PACKAGES
     order = ["Quaternion", "rbs"]
     for package in PACKAGES:
@@ -83,7 +82,6 @@ def test_modules_import_only_what_the_introductions_list_above_them():
 
 
 def test_a_students_process_can_import_all_that_its_modules_need(monkeypatch):
-    """The process that runs a submission sees few files of this project: they suffice."""
     monkeypatch.syspath_prepend(ROOT / "graders")
     from isolated.processes import supplied
 

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from opengl import in_camera
 from oracles import body
 
 from rbs.appearance import camera as framing, drawables
@@ -33,6 +32,15 @@ def test_constraint_lines_are_slack_taut_or_exceeded(name):
     vertices = np.zeros((2 * count, 3))
     vertices[count:, 0] = list(kinds)
     assert lines.kinds(vertices).tolist() == list(kinds.values())
+
+
+def in_camera(points, position, target):
+    """(right, up, forward) of points (n, 3) seen from a camera whose up is y: three (n,)."""
+    forward = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(forward, [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right)
+    arms = points - position
+    return arms @ right, arms @ np.cross(right, forward), arms @ forward
 
 
 MARGINS = [(0, 0, 0, 0), (320, 0, 320, 0), (240, 0, 0, 66), (0, 30, 250, 90)]

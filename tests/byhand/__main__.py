@@ -61,7 +61,6 @@ def parser():
     add = command("mutations", mutations.main, mutations.__doc__.splitlines()[0])
     text = "number of a fault, or a part of its file's path or name (default: all)"
     add("words", metavar="WORD", nargs="*", help=text)
-    add("--part", default="1/1", metavar="K/N", help="of these, the K-th of N shares")
     add("--jobs", metavar="N", type=int, default=1, help="so many at a time")
     return root
 

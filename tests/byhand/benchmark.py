@@ -38,7 +38,6 @@ def simulation_of(scene, scheduling, isRecommended):
 
 
 def print_row(what, seconds):
-    """Prints median and quartiles in milliseconds."""
     low, median, high = np.percentile(1e3 * np.array(seconds), (25, 50, 75))
     print(f"  {what:<13} {median:8.2f} ({low:.2f} – {high:.2f}) ms")
 

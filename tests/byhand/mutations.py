@@ -37,7 +37,6 @@ KEPT = {name: os.environ[name] for name in os.environ if name != "PYTHONDONTWRIT
 
 
 def path_of(test, project):
-    """The path of a test FILE::TEST for pytest."""
     file, _, name = test.partition("::")
     (path,) = project.glob(f"tests/*/test_{file}.py")
     return f"{path}::{name}"
@@ -66,23 +65,21 @@ def noticed(fault, project):
         Path(cache_from_source(path)).unlink(missing_ok=True)
 
 
-def chosen_faults(words, part):
+def chosen_faults(words):
     """The (number, fault) whose number is among the words, or whose file and name contain one, all
-    if there are none; of these the part "2/3", say.
+    if there are none.
     """
-    found = [
+    return [
         (number, fault)
         for number, fault in enumerate(FAULTS, start=1)
         if not words
         or str(number) in words
         or any(not one.isdecimal() and one in f"{fault.file}: {fault.what}" for one in words)
     ]
-    place, count = map(int, part.split("/"))
-    return found[place - 1 :: count]
 
 
 def main(options):
-    begin, chosen = time.monotonic(), chosen_faults(options.words, options.part)
+    begin, chosen = time.monotonic(), chosen_faults(options.words)
     if not chosen:
         print("there is no such fault")
         return 2

@@ -1,4 +1,4 @@
-"""What an observer of a step is told, and its terms, held to the step itself and to `model`."""
+"""What an observer of a step is told and `--trace` prints; terms, held to the step and `model`."""
 
 import copy
 from collections import Counter
@@ -6,6 +6,8 @@ from collections import Counter
 import numpy as np
 import pytest
 from oracles import ROOT, box_body, state_of
+from program import call
+from studentVariants import write_submission
 
 from rbs.glass.events import Kind
 from rbs.glass.terms import terms, values
@@ -103,7 +105,6 @@ def test_fixed_bodies_that_move_in_any_way_have_a_flight():
 
 @pytest.fixture(scope="module", params=SCENES)
 def events(request):
-    """Of the last thirty steps."""
     simulation = simulated(request.param, SCENES[request.param] - 30, friction=0.4)
     return [event for _ in range(30) for event in events_of(simulation)]
 
@@ -128,3 +129,23 @@ def test_what_is_computed_a_second_time_is_what_the_step_did(events):
             counts[event.kind] = counts.get(event.kind, 0) + 1
     assert counts[Kind.FLIGHT] > 50 and counts[Kind.CORRECTION] > 5
     assert counts[Kind.IMPULSE] > 5 and counts[Kind.FRICTION] > 5
+
+
+def test_trace_prints_the_events_of_a_step_of_one_body(capsys):
+    traced = "slide", "--basic", "--trace"
+    code, out, _ = call(capsys, *traced, "41")
+    assert code == 0 and "impulse of slab 2 and box 7" in out
+    code, some, _ = call(capsys, *traced, "41:box 7")
+    assert code == 0 and set(some.splitlines()) < set(out.splitlines())
+    assert call(capsys, *traced, "41:7")[1] == some
+
+
+def test_a_failing_step_is_traced_up_to_where_it_fails(tmp_path, capsys):
+    begin = "    denominator = total"
+    wrong = write_submission(
+        tmp_path / "wrong", [(begin, f"    raise ValueError('none')\n{begin}")]
+    )
+    code, out, error = call(capsys, "mixed", "--trace", "43", "--functions", wrong)
+    assert code == 3 and "none" in error
+    heads = [line for line in out.splitlines() if not line.startswith("       ")]
+    assert "contact 1 of cylinder 1 and the ground" in heads[-1]

@@ -26,10 +26,7 @@ def released_data(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def run():
-    """Runs a script of graders/ in this process; returns it as `subprocess.run` would.
-
-    A student's code runs in a process of its own all the same.
-    """
+    """Runs a script of graders/, but not a student's code, in this process, as `subprocess.run`."""
 
     def run(script, *arguments, cwd="."):
         streams = [io.TextIOWrapper(io.BytesIO(), "utf-8") for _ in range(2)]

@@ -112,7 +112,6 @@ EXPECTED = {name: (fate, text) for _, name, fate, text in HAND_INS.values() if n
 
 
 def write_hand_ins(folder):
-    """Writes these files and folders into a new folder."""
     files = {".DS_Store": "", "notes.txt": ""}
     for name, (content, *_expected) in HAND_INS.items():
         inside = content if isinstance(content, dict) else {".": content}

@@ -58,7 +58,6 @@ HOSTILE = {
 
 
 def changed(files, edits):
-    """A submission's files after edits."""
     files = dict(files)
     for old, new in edits:
         counts = {name: text.count(old) for name, text in files.items()}
@@ -114,7 +113,6 @@ def on_skeleton(*edits):
 
 
 def untouched():
-    """The skeleton with its stubs."""
     files = on_skeleton()
     for name, body in STUBS.items():
         pattern = rf"(def {name}\(.*?\):\n).*?(?=\n\n\n|\n\n    def |\Z)"
@@ -129,7 +127,6 @@ def files_of_variant(name):
 
 
 def edited(*edits):
-    """The solution's files after edits."""
     return changed(SOLUTION, edits)
 
 
@@ -146,7 +143,6 @@ def written(folder, files):
 
 
 def write_submission(folder, edits=()):
-    """Writes the student's files, edited, into a folder; returns its path."""
     return written(Path(folder), edited(*edits))
 
 
@@ -167,7 +163,7 @@ def loaded(files):
 
 
 @functools.cache
-def first_data(name, folder=DATA, hasFresh=True):
+def first_data(name, folder=DATA):
     """(a grader, the first samples of its data in a folder, and as many fresh ones)"""
     grader = importlib.import_module(name).GRADER
     data = grader.load(folder)
@@ -175,7 +171,7 @@ def first_data(name, folder=DATA, hasFresh=True):
         first = tuple(slice(SAMPLES if one == "samples" else None) for one in axes)
         data[key] = np.array(data[key])[first]
     data["inFile"] = len(data["randomPositions"])
-    return grader, grader.with_fresh(data, 1) if hasFresh else data
+    return grader, grader.with_fresh(data, 1)
 
 
 def grades_of(files, folder=DATA):

@@ -20,7 +20,6 @@ IS_USER = not hasattr(os, "geteuid") or os.geteuid() != 0
 
 
 def stubs(top="", end=""):
-    """The skeleton with code before and after it."""
     return UNTOUCHED | {FUNCTIONS: f"{top}\n{STUBS}\n{end}\n"}
 
 

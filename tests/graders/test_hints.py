@@ -23,16 +23,6 @@ FUNCTIONS = {
 }
 
 
-@pytest.fixture(params=FUNCTIONS)
-def case(request, released_data):
-    """(function, the parts that call it, data), with the data's convention recognised"""
-    grader, function, convention = FUNCTIONS[request.param]
-    _grader, data = first_data(grader.module, DATA if convention == EXACT else released_data)
-    assert data["convention"] == convention
-    parts = [part for part in grader.parts if part.function == function]
-    return function, parts, data
-
-
 @np.errstate(all="ignore")
 def rows(parts, data, edits=()):
     """All numbers of a function at the samples that are tried, after mistakes, in one array."""
@@ -42,17 +32,12 @@ def rows(parts, data, edits=()):
     )
 
 
-def test_without_a_mistake_the_model_gives_the_expected_numbers(case):
-    _function, parts, data = case
-    for part in parts:
-        expected, computed = part.expected(data), part.after_mistakes(part.given(data), ())
-        for key in part.shapes:
-            samples = part.samples(data)
-            assert computed[key][samples] == pytest.approx(expected[key][samples], abs=1e-11)
-
-
-def test_each_mistake_changes_numbers_and_no_two_the_same(case):
-    function, parts, data = case
+@pytest.mark.parametrize("case", FUNCTIONS)
+def test_each_mistake_changes_numbers_and_no_two_the_same(case, released_data):
+    grader, function, convention = FUNCTIONS[case]
+    _grader, data = first_data(grader.module, DATA if convention == EXACT else released_data)
+    assert data["convention"] == convention
+    parts = [part for part in grader.parts if part.function == function]
     outcomes = {one: rows(parts, data, one.edits) for one in mistakes_of(function)}
     outcomes[Mistake((), (), "none")] = rows(parts, data)
     for (one, values1), (two, values2) in itertools.combinations(outcomes.items(), 2):

@@ -16,8 +16,6 @@ from rbs.recordings.replay import verify
 from rbs.scenes.simulation import SceneSimulation, Settings
 from RigidBodySimulation import Simulation
 
-STRESS = DATA / "stress-scene.txt"
-
 
 @pytest.mark.parametrize("solver", ["impulse", "soft-step"])
 def test_contacts_of_a_recorded_step_are_those_of_its_report(tmp_path, solver):
@@ -71,7 +69,6 @@ def test_round_trip_without_the_scene(tmp_path, monkeypatch, capsys, solver, ste
 
 
 def edited(path, target, edit):
-    """A copy of a recording in which edit(h5py.File) has changed something."""
     shutil.copy(path, target)
     with h5py.File(target, "r+") as file:
         edit(file)
@@ -204,7 +201,7 @@ def test_statistics_are_those_of_an_independent_computation(tmp_path, capsys):
     units = [f"{name} ({unit})" if unit else name for name, unit in QUANTITY_UNITS.items()]
     assert list(table) == ["step", *units] and len(table["step"]) == 101
     assert table["contacts"][0] == table["collisionsTime (ms)"][0] == ""
-    simulation, contacts = SceneSimulation(STRESS, Settings(restitution=0.8, timeStep=0.04)), 0
+    simulation, contacts = Simulation("stress", Settings(restitution=0.8, timeStep=0.04)), 0
     for step in range(101):
         got = {name: float(column[step]) for name, column in table.items() if column[step]}
         if step > 0:

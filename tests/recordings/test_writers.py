@@ -10,15 +10,17 @@ import pytest
 from oracles import box_body
 from program import DATA, call
 
+from rbs.recordings.gltf import GltfWriter
 from rbs.recordings.outputs import OutputError
 from rbs.recordings.recording import Recording
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import one_line, short
 from rbs.scenes.scene import followed_by
-from RigidBodySimulation import Simulation, shapes
+from rbs.scenes.simulation import SceneSimulation
+from RigidBodySimulation import Simulation, main, shapes
 
 pytest.importorskip("k3d")
-pytest.importorskip("pygltflib")
+pygltflib = pytest.importorskip("pygltflib")
 # By ending, the first bytes of a file.
 SIGNATURES = {".h5": b"\x89HDF", ".csv": b"step,", ".html": b"<!doctype html>"}
 SIGNATURES |= {".glb": b"glTF", ".gif": b"GIF8"}
@@ -108,21 +110,6 @@ def test_a_run_may_be_without_bodies_for_a_while(tmp_path, ending):
         Simulation.from_meshes([]).export(tmp_path / f"c{ending}", 2)
 
 
-def test_faces_without_area_have_normals_in_an_export(tmp_path):
-    """A closed surface with a vertex in the middle of an edge: one triangle is a line."""
-    points = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2], (1, 0, 0)], dtype=float)
-    faces = [[0, 2, 1], [0, 3, 2], [1, 2, 3], [0, 4, 3], [4, 1, 3], [0, 1, 4]]
-    wedge = shapes.from_surface("wedge", points, faces, 1.0, (0, 3, 0))
-    simulation = Simulation.from_meshes([wedge])
-    simulation.export(tmp_path / "w.glb", 1)
-    found, binary = content(tmp_path / "w.glb"), (tmp_path / "w.glb").read_bytes()
-    normal = found["accessors"][found["meshes"][0]["primitives"][0]["attributes"]["NORMAL"]]
-    begin = 28 + int.from_bytes(binary[12:16], "little")
-    begin += found["bufferViews"][normal["bufferView"]]["byteOffset"]
-    rows = np.frombuffer(binary, "<f4", 3 * normal["count"], begin).reshape(-1, 3)
-    np.testing.assert_allclose(np.linalg.norm(rows, axis=1), 1.0, atol=1e-6)
-
-
 @pytest.mark.parametrize("ending", [".h5", ".csv", ".mp4", ".gif", ".glb", ".html"])
 def test_a_writer_that_ends_early_leaves_nothing_or_what_it_has(tmp_path, capsys, ending):
     """And an old file of that name stays as it was."""
@@ -201,3 +188,93 @@ def test_a_video_that_ffmpeg_does_not_finish_is_reported(tmp_path, monkeypatch, 
     assert raised.value.filename == str(path) and "ffmpeg has ended" in str(raised.value)
     writer.close()
     assert path.read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 2
+
+
+# Exports as glTF, read back by pygltflib and by trimesh.
+WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+
+
+def values(document, index):
+    """The single-precision numbers of an accessor (n, w)."""
+    accessor = document.accessors[index]
+    count, begin = accessor.count * WIDTHS[accessor.type], document.bufferViews[index].byteOffset
+    numbers = np.frombuffer(document.binary_blob(), np.float32, count, begin or 0)
+    return numbers.reshape(accessor.count, -1)
+
+
+def pose(document, node, path, time):
+    """A node's translation, rotation or scale at a time that is in the file."""
+    (animation,) = document.animations
+    for channel in animation.channels:
+        if (channel.target.node, channel.target.path) == (node, path):
+            sampler = animation.samplers[channel.sampler]
+            times = values(document, sampler.input)[:, 0]
+            return values(document, sampler.output)[np.abs(times - time).argmin()]
+    return np.array(getattr(document.nodes[node], path), dtype=np.float32)
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """The bridge, exported and recorded: (document, Recording)."""
+    folder = tmp_path_factory.mktemp("export")
+    names = ["--record", str(folder / "b.h5"), "--export", str(folder / "b.glb")]
+    assert main(["bridge", "--steps", "60", *names]) == 0
+    return pygltflib.GLTF2().load(str(folder / "b.glb")), Recording(folder / "b.h5")
+
+
+def test_poses_are_those_of_the_recording(exported):
+    document, recording = exported
+    for step in range(0, 61, 6):
+        frame = recording.frame(step)
+        for b, position in enumerate(frame["positions"].astype(np.float32)):
+            found = pose(document, b, "translation", 0.02 * step)
+            np.testing.assert_array_equal(found, position)
+            x, y, z, w = pose(document, b, "rotation", 0.02 * step)
+            assert abs(abs(np.array([w, x, y, z]) @ frame["orientations"][b]) - 1.0) < 1e-6
+    positions = {mesh.primitives[0].attributes.POSITION for mesh in document.meshes}
+    assert len(positions) < len(document.nodes) / 3  # each shape is stored once
+
+
+def test_rods_join_the_vertices_of_constraints(exported):
+    document, recording = exported
+    simulation = SceneSimulation(recording.source)
+    simulation.set_state(recording.frame(30))
+    m1, v1, m2, v2, *_ = simulation.constraints[0]
+    ends = [simulation.meshes[m].currVertices[v] for m, v in ((m1, v1), (m2, v2))]
+    node = [node.name for node in document.nodes].index("constraint 0")
+    begin, scale = (pose(document, node, path, 0.6) for path in ("translation", "scale"))
+    x, y, z, w = pose(document, node, "rotation", 0.6)
+    along = np.array([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)])
+    np.testing.assert_allclose([begin, begin + scale[1] * along], ends, atol=1e-4)
+
+
+def test_trimesh_finds_each_body_at_its_first_place(tmp_path):
+    trimesh, simulation = pytest.importorskip("trimesh"), Simulation("tower_chain")
+    start, meshes = simulation.state()["positions"], list(simulation.meshes)
+    writer = GltfWriter(tmp_path / "run.glb")
+    with followed_by(simulation, writer):
+        simulation.run(10).remove(1)
+        simulation.run(10)
+    writer.save(simulation)
+    document = pygltflib.GLTF2().load(str(tmp_path / "run.glb"))
+    hidden = {c.target.node for c in document.animations[0].channels if c.target.path == "scale"}
+    assert 1 in hidden and not hidden & {0, *range(2, len(meshes))}
+    scene = trimesh.load(tmp_path / "run.glb")
+    for mesh, position in zip(meshes, start, strict=True):
+        transform, geometry = scene.graph[mesh.name]
+        body = scene.geometry[geometry].copy()
+        body.merge_vertices(merge_norm=True)
+        assert body.is_watertight and body.volume == pytest.approx(mesh.volume, rel=1e-4)
+        np.testing.assert_allclose(transform[:3, 3], position, rtol=1e-6)
+
+
+def test_faces_without_area_have_normals_in_an_export(tmp_path):
+    """A closed surface with a vertex in the middle of an edge: one triangle is a line."""
+    points = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2], (1, 0, 0)], dtype=float)
+    faces = [[0, 2, 1], [0, 3, 2], [1, 2, 3], [0, 4, 3], [4, 1, 3], [0, 1, 4]]
+    wedge = shapes.from_surface("wedge", points, faces, 1.0, (0, 3, 0))
+    simulation = Simulation.from_meshes([wedge])
+    simulation.export(tmp_path / "w.glb", 1)
+    document = pygltflib.GLTF2().load(str(tmp_path / "w.glb"))
+    normals = values(document, document.meshes[0].primitives[0].attributes.NORMAL)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-6)

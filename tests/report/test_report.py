@@ -1,4 +1,4 @@
-"""The report: its length, that its claims hold, and that some of its numbers come out again."""
+"""The report: its length, claims and numbers; the notebook; and the coursework's one ZIP."""
 
 import copy
 import functools
@@ -7,9 +7,15 @@ import json
 import re
 import subprocess
 import sys
+import zipfile
 
 import pytest
+from opengl import require_opengl
 from oracles import ROOT
+from program import python
+
+from rbs.recordings.recording import Recording
+from rbs.recordings.replay import verify
 
 REPORT = ROOT / "report"
 TEXT = (REPORT / "report.typ").read_text()
@@ -71,3 +77,64 @@ def test_nothing_large_and_nothing_that_no_script_builds_is_tracked():
 @pytest.mark.parametrize("name", QUICK)
 def test_what_is_quick_to_measure_comes_out_again(report, name):
     assert report("build").run_part(name, isDrawn=False)[0] == NUMBERS[name]
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_and_shows_what_it_promises(tmp_path, monkeypatch):
+    require_opengl()
+    nbclient, nbformat = map(pytest.importorskip, ("nbclient", "nbformat"))
+    for library in ("k3d", "matplotlib", "ipykernel"):
+        pytest.importorskip(library)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    notebook = nbformat.read(ROOT / "report" / "notebook.ipynb", as_version=4)
+    assert len(notebook.cells) == 9
+    assert not any(cell.get("outputs") for cell in notebook.cells)  # none are stored
+    where = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(notebook, timeout=600, resources=where).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    shown = [output.get("data", {}) for output in outputs]
+    html = "".join(data.get("text/html", "") for data in shown)
+    assert html.count("<iframe") == 1 and html.count("<img") == 2
+    assert sum("image/png" in data for data in shown) == 3  # two plots and a picture
+    (text,) = [output.text for output in outputs if output.output_type == "stream"]
+    assert float(text.split()[2]) < 0.05  # m, between a sliding box and the formula
+    assert (tmp_path / "ramp.html").stat().st_size > 1e6
+    assert verify(Recording(tmp_path / "ramp.h5")) == ""
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+    path = tmp_path_factory.mktemp("handed in") / "submission.zip"
+    for name in (path, path.with_name("again.zip")):
+        result = python(path.parent, ROOT / "report/submission.py", name)
+        assert result.returncode == 0, result.stderr
+    assert path.read_bytes() == path.with_name("again.zip").read_bytes()
+    return path
+
+
+def test_it_has_report_modules_data_and_the_videos_of_the_text(archive):
+    with zipfile.ZipFile(archive) as file:
+        sizes = {entry.filename: entry.file_size for entry in file.infolist()}
+    code = {name.removeprefix("code/") for name in sizes if name.startswith("code/")}
+    some = "RBSFunctions.py GJK.py Quaternion.py RigidBodySimulation.py data/box.mesh "
+    some += "data/collision-resolution.data rbs/recordings/player.html LICENSE"
+    assert {"report.pdf", "claims.md"} <= set(sizes) and set(some.split()) <= code
+    assert {str(path.relative_to(ROOT)) for path in ROOT.glob("rbs/**/*.py")} <= code
+    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
+    if tracked.returncode == 0:  # untracked files are left out
+        assert code <= set(tracked.stdout.splitlines())
+    films = [size for name, size in sizes.items() if name.startswith("videos/")]
+    assert len(films) == 8 and max(films) <= 2_000_000 and sum(films) <= 6_000_000
+
+
+@pytest.mark.slow
+def test_it_runs_in_a_fresh_folder(archive, tmp_path):
+    with zipfile.ZipFile(archive) as file:
+        file.extractall(tmp_path)
+    for words in (
+        *(f"graders/{one}.py" for one in ("ResolveCollisionsGrading", "Constraints")),
+        "graders/integrationGrading.py",
+        "RigidBodySimulation.py singlebox --headless --steps 5",
+    ):
+        result = python(tmp_path / "code", *words.split(), PYTHONPATH="")
+        assert result.returncode == 0, result.stdout + result.stderr

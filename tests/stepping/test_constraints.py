@@ -1,8 +1,4 @@
-"""Distance constraints: the two corrections, the three ways to visit them, and what they do.
-
-The corrections are judged by the constraint's own mathematics, with J written out as a row and M as
-a matrix; sweep and queue by a literal loop over meshes.
-"""
+"""Distance constraints: the ways to visit them, by a literal loop over meshes, and their limit."""
 
 import itertools
 from collections import Counter
@@ -28,10 +24,6 @@ schedulings = pytest.mark.parametrize("scheduling", SETTINGS["constraintScheduli
 def step(meshes, groundMesh, constraints, scheduling="sweep", **options):
     options |= {"constraints": constraints, "constraintScheduling": scheduling}
     return run_timestep(meshes, groundMesh, H, 0.5, **options)
-
-
-def vertex(meshes, mesh, index):
-    return meshes[mesh].currVertices[index]
 
 
 @pytest.mark.parametrize(
@@ -68,7 +60,7 @@ def tangle(rng, count=24, fixed=2):
     ends = rng.integers(8, size=(count, 2))
     for m1, m2 in ends[ends[:, 0] != ends[:, 1]].tolist():
         v1, v2 = rng.integers(8, size=2).tolist()
-        distance = np.linalg.norm(vertex(meshes, m1, v1) - vertex(meshes, m2, v2))
+        distance = np.linalg.norm(meshes[m1].currVertices[v1] - meshes[m2].currVertices[v2])
         refValue = float(rng.choice([0.0, distance * rng.uniform(0.98, 1.02)], p=[0.1, 0.9]))
         # No point is pulled onto another one of a body 12 m away.
         constraints.append([m1, v1, m2, v2, refValue, refValue > 0 and bool(rng.integers(2))])

@@ -16,7 +16,6 @@ onArrays = [{"contactScheduling": "batches"}, {"contactSolver": "soft-step"}]
 
 
 def load(name):
-    """Meshes and constraints of one of our scenes."""
     meshes = load_scene_file(DATA / f"{name}-scene.txt")
     path = DATA / f"{name}-constraints.txt"
     return meshes, load_constraint_file(path, meshes) if path.is_file() else ()
@@ -60,7 +59,6 @@ unchanged = lru_cache(end_of)
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("name", REPLACED)
 def test_each_function_of_the_coursework_is_called_and_seen_in_the_motion(name, mode, monkeypatch):
-    """A wrapper that passes the coursework's arguments on gives the same bits; a change shows."""
     owner, replacement, scene = REPLACED[name]
     original, calls = getattr(owner, name), []
 

@@ -1,15 +1,11 @@
-"""The time step against discretised predictors, conservation laws, and a slow literal loop.
-
-A predictor is the step itself in a few lines, semi-implicit Euler with the same rule for contacts,
-for a body whose motion is simple enough to write down. A bounce then has to match to rounding, not
-"about ½ g t²".
-"""
+"""The impulses of a contact by their laws, and the time step by a slow literal loop."""
 
 import itertools
 from collections import Counter
 
 import numpy as np
 import pytest
+from engines import throw
 from oracles import DATA, SHAPES, body, box_body, ground, random_quaternions, rotation, state_of
 
 from RBSFunctions import resolve_collision, run_timestep
@@ -29,12 +25,6 @@ def crowd():
     """Boxes so deep in each other that what separates two of them brings them into others."""
     places = np.random.default_rng(7).uniform(0.0, 4.0, (40, 3))
     return [box_body(1.5, 0.75, 1.0, place) for place in places]
-
-
-def set_motion(mesh, linVelocity=(0, 0, 0), angVelocity=(0, 0, 0)):
-    mesh.linVelocity = np.array([linVelocity], dtype=float)
-    mesh.angVelocity = np.array([angVelocity], dtype=float)
-    return mesh
 
 
 def relative_velocity(states, arms):
@@ -71,7 +61,7 @@ def test_impulses_are_newtons_and_coulombs_at_random_contacts():
             place = rng.normal(size=3) * 4
             meshes.append(body(name, place, q, density=density, isFixed=isFixed))
             if not isFixed:
-                set_motion(meshes[-1], rng.normal(size=3) * 5, rng.normal(size=3) * 2)
+                throw(meshes[-1], rng.normal(size=3) * 5, rng.normal(size=3) * 2)
         depth, e = rng.choice([0.0, 0.01, 0.5]), rng.choice([-0.5, 0.0, 0.3, 1.0, 1.5])
         mu = rng.choice([0.0, 10.0 ** rng.uniform(-1.5, 1)], p=[0.3, 0.7])
         n = rng.normal(size=3)
@@ -128,7 +118,6 @@ def literal_step(meshes, groundMesh, timeStep, e):
 @pytest.mark.parametrize(("make", "steps"), [(mixed, 130), (crowd, 3)])
 @pytest.mark.parametrize("way", [{}, {"contactScheduling": "batches"}, {"broadPhase": "grid"}])
 def test_a_step_is_the_literal_loop(way, make, steps):
-    """The default, the grid and the step on arrays give the same bits as the loop."""
     fast, slow = ([*make(), ground()] for _ in range(2))  # the last one is nothing, and stays
     seen = Counter()
     for _ in range(steps):
@@ -146,7 +135,6 @@ def test_a_step_is_the_literal_loop(way, make, steps):
 
 @pytest.mark.parametrize(("height", "touches"), [(0.0, True), (1e-12, False), (1e-6, False)])
 def test_the_ground_is_touched_at_0_and_not_above(height, touches):
-    """A box touches the ground at y = 0 exactly, and not a trillionth of a metre above."""
     mesh = box_body(2.0, 2.0, 2.0, (0.0, 1.0 + height, 0.0))
     report = run_timestep([mesh], ground(), 0.0, 0.5)
     assert len(report.contacts) == touches

@@ -50,7 +50,6 @@ class Hands:
         self.click_at(*self.widgets[label])
 
     def click_at(self, x, y):
-        """Clicks at a pixel."""
         self.io.AddMousePosEvent(x, y)
         self.ps.frame_tick()
         for isDown in (True, False):

@@ -61,8 +61,7 @@ def test_constraints_that_hold_are_skipped_but_not_if_nothing_else_is_there(open
     kinds = {event.kind for event in glass.events}
     assert kinds == {Kind.FLIGHT, Kind.CONSTRAINT}
     assert {glass.events[k].kind for k in glass.shown()} == {Kind.CONSTRAINT}
-    for _ in range(40):
-        glass.viewer.step_once()
+    make_steps(glass.viewer, 40)
     glass.open()
     shown = [glass.events[k] for k in glass.shown()]
     assert len(shown) < len(glass.events) and Kind.CONSTRAINT in {event.kind for event in shown}
@@ -110,8 +109,7 @@ def test_the_first_difference_of_a_student_is_shown_where_it_is(open_panel, tmp_
     submitted = SubmittedSteps(write_submission(tmp_path / "theirs", [edit]))
     theirs = SceneSimulation(DATA / "mixed-scene.txt", submitted=submitted)
     panel = open_panel(theirs, size=(1280, 720))
-    for _ in range(46):
-        panel.viewer.step_once()
+    make_steps(panel.viewer, 46)
     found, glass = theirs.beside.difference, panel.glass
     glass.show_difference(found)
     assert theirs.stepCount == found.step < 46 and glass.hint

@@ -59,7 +59,6 @@ class RandomUser:
             self.viewer.play(0.04)
 
     def acts(self):
-        """What can be done now: functions, by name."""
         viewer, view, integers = self.viewer, self.viewer.view, self.random.integers
         acts = {
             "seek": lambda: viewer.seek(int(integers(-2, len(viewer.history.axis) + 3))),

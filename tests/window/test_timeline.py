@@ -1,8 +1,9 @@
-"""The timeline: what is kept, undone, branched off and recorded; over an off-screen panel."""
+"""What is done by hand, kept, undone, branched off and recorded; over an off-screen panel."""
 
 import numpy as np
 import pytest
 from hands import bits_of, make_steps
+from oracles import body
 from program import DATA, record
 from studentVariants import write_submission
 
@@ -13,7 +14,7 @@ from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
-from rbs.window.hand import PUSH_SPEED
+from rbs.window.hand import PUSH_SPEED, Grab
 from rbs.window.history import Playback
 
 
@@ -79,13 +80,41 @@ def test_what_is_done_is_undone_and_redone_with_all_that_was_ahead(open_panel, n
 def test_a_push_adds_its_speed_and_a_drag_moves_a_body_with_the_mouse(open_panel):
     viewer = open_panel("mixed").viewer
     view, meshes = viewer.view, viewer.simulation.meshes
-    for body in (2, 3):  # of other masses
-        view.pick(body, view.poses[:3, body])
+    for k in (2, 3):  # of other masses
+        view.pick(k, view.poses[:3, k])
         viewer.hand.push([0.0, 1.0, 0.0])
-        assert meshes[body].linVelocity[0] == pytest.approx([0.0, PUSH_SPEED, 0.0])
+        assert meshes[k].linVelocity[0] == pytest.approx([0.0, PUSH_SPEED, 0.0])
     before = view.pixels_of(view.poses[:3, 3])[0]
     move(viewer, 3, 40)
     assert view.pixels_of(view.poses[:3, 3])[0] - before == pytest.approx([40, -40], abs=4.0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("density", "timeStep"), [(1e-4, 0.3), (60.0, 0.02), (1e5, 4e-3)])
+def test_a_body_that_is_dragged_comes_to_the_hand_and_is_never_driven(density, timeStep, seed):
+    """Whatever its mass and the step: held at its centre without gravity, it does not overshoot;
+    held at a corner with gravity, it swings no further out, and comes to hang below the hand.
+    """
+    rng = np.random.default_rng(seed)
+    for isAtCentre in (True, False):
+        mesh = body("long-octahedron", density=density, orientation=rng.normal(size=4))
+        grab = Grab(mesh, 0, mesh.position[0] if isAtCentre else mesh.currVertices[0])
+        start, gaps = grab.target.copy(), []
+        grab.target = start + rng.normal(size=3) * 20.0
+        for _ in range(int(2.0 / timeStep) + 200):
+            grab.pull(mesh, timeStep)
+            gaps.append(grab.target - grab.point(mesh))
+            if isAtCentre:
+                mesh.position = mesh.position + timeStep * mesh.linVelocity
+            else:
+                mesh.integrate_timestep(timeStep)
+        left, sizes = np.array(gaps) @ (grab.target - start), np.linalg.norm(gaps, axis=1)
+        if isAtCentre:
+            assert (left >= -1e-9 * left[0]).all() and (np.diff(left) <= 1e-9 * left[0]).all()
+            assert sizes[-1] < 1e-3 * sizes[0] and not mesh.angVelocity.any()
+        else:
+            assert sizes.max() <= 1.5 * sizes[0] and np.abs(mesh.linVelocity).max() < 1e3
+            assert sizes[-60:].max() < 0.5 * sizes[0]
 
 
 @pytest.mark.parametrize("scene", ["mixed", "tower_chain", "stack"])

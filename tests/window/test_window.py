@@ -15,7 +15,6 @@ from program import DATA, wait_for
 
 @pytest.fixture
 def session(tmp_path):
-    """A Session on a virtual screen."""
     missing = [tool for tool in ("Xvfb", "xdotool") if shutil.which(tool) is None]
     if missing:
         skip_or_fail(f"{' and '.join(missing)} missing: apt-get install xvfb xdotool")
@@ -46,7 +45,6 @@ class Session:
             skip_or_fail(f"no window opens on the virtual screen: {error}")
 
     def do(self, *arguments):
-        """Has xdotool do something."""
         command = ["xdotool", *map(str, arguments)]
         subprocess.run(command, env=self.environment, check=True)
 
@@ -64,7 +62,6 @@ class Session:
         return self.wait(lambda status: status["frameCount"] >= last + count)
 
     def key(self, keys, isReached):
-        """Presses keys, and waits for their effect."""
         self.do("key", keys)
         return self.wait(isReached)
 
