@@ -9,8 +9,7 @@ and `flatten_meshes`. Polyscope is imported only if something is drawn.
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
-from rbs.program.startup import open_streams, prepare
-from rbs.scenes.messages import COMMAND, PROGRAM_NAME
+from rbs.scenes.messages import COMMAND, PROGRAM_NAME, open_streams, prepare
 
 if __name__ == "__main__" or PROGRAM_NAME == COMMAND:
     prepare()

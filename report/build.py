@@ -12,7 +12,7 @@ Exits with 1 if a claim does not hold, a part fails, or the report has too many 
 PDF is written in any case.
 """
 
-from rbs.program.startup import prepare
+from rbs.scenes.messages import prepare
 
 if __name__ == "__main__":
     prepare()

@@ -4,7 +4,7 @@ Every picture is in the studio look, drawn at twice its size and scaled down. A 
 camera is framed as by the command line, to which report/README.md gives the arguments.
 """
 
-from rbs.program.startup import prepare
+from rbs.scenes.messages import prepare
 
 if __name__ == "__main__":
     prepare()

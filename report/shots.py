@@ -3,7 +3,7 @@
 Stills go to figures/, videos to videos/.
 """
 
-from rbs.program.startup import prepare
+from rbs.scenes.messages import prepare
 
 if __name__ == "__main__":
     prepare()

@@ -2,7 +2,6 @@
 
 In reading order:
 
-    startup          what a program does first
     submissions      loading a student's modules
     parsing          a parser, and types of values
     headless         runs without a window, and their summary

@@ -2,7 +2,7 @@
 
 In reading order:
 
-    messages      one-line messages on stderr
+    messages      one-line messages on stderr; standard streams
     files         text read line by line, with errors that name it; whole files; signals held
     meshfiles     .mesh, .off and others; closed surfaces, turned outwards and filled
     shapes        bodies: boxes, spheres, cylinders, convex hulls, and those of closed surfaces

@@ -1,6 +1,7 @@
-"""Messages to the user, each one line."""
+"""Messages to the user, each one line; standard streams, and how a program begins."""
 
 import os
+import signal
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -10,6 +11,25 @@ COMMAND = "rigid-body-simulation"
 PROGRAM_NAME = COMMAND if Path(sys.argv[0]).stem == COMMAND else "RigidBodySimulation.py"
 # Prefixes of units, and their values.
 PREFIXES = {"T": 1e12, "G": 1e9, "M": 1e6, "k": 1e3, "": 1.0}
+
+
+def prepare():
+    """Lets Ctrl-C end the program without a traceback, until its `main` begins."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    open_streams()
+
+
+def open_streams():
+    """Opens the standard streams that are closed, because the next pipe or file would get their
+    numbers; and lets the others print what a terminal has no characters for.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        stream = getattr(sys, name)
+        if stream is None:  # open takes the lowest number that is free
+            setattr(sys, name, stream := open(os.devnull, mode))
+            os.set_inheritable(stream.fileno(), True)
+        elif hasattr(stream, "reconfigure"):  # a program that runs this one may replace them
+            stream.reconfigure(errors="backslashreplace")
 
 
 class InputError(ValueError):
