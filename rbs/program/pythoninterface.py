@@ -63,6 +63,7 @@ class Simulation(Results, SceneSimulation):
         if not isinstance(scene, SceneSource):
             what = "a path or a name (from_meshes takes meshes)"
             check_kind("scene", scene, str | PurePath, what)
+            check_kind("constraintPath", constraintPath, str | PurePath | None, "a path")
             scene = SceneSource.of_files(find_scene(scene), constraintPath)
         super().__init__(scene, settings)
         if settings is None:

@@ -70,6 +70,8 @@ def one_line(text):
     """
     if isinstance(text, MemoryError):
         return "not enough memory"
+    if isinstance(text, FileExistsError):  # of what would make a folder
+        return "a file, not a folder"
     line = "".join(c if c.isprintable() else " " for c in str(getattr(text, "strerror", 0) or text))
     return line if line or isinstance(text, str) else type(text).__name__
 

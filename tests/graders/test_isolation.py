@@ -73,6 +73,8 @@ def workers_of(pid):
 
 BAD = {
     "grade.py file.txt": "file.txt: not a folder or a ZIP",
+    "grade.py student --out file.txt": "file.txt: a file, not a folder",
+    "compare.py student nosuch": "no such scene or file; RigidBodySimulation.py --help lists",
     "integrationGrading.py --modules empty": "empty: no submission in this folder",
     "Constraints.py --modules noted.zip": "noted.zip: has no RBSFunctions.py; save the functions",
     "compare.py student mixed --constraints no.txt": "no.txt: ",

@@ -146,6 +146,7 @@ o.seek(6)  # 0 to 5
 s.set_state({"positions": np.zeros((3, 3))})  # orientations
 s.from_meshes([ONE, ONE], [["a", 0, 1, 0, 1, 1]])  # constraint
 Simulation("ok.h5")  # Simulation.open
+Simulation("tet", constraintPath=3)  # constraintPath must be a path
 s.move(0, (0, 1, 0), (0, 0, 0, 0))  # orientation
 s.stepCount = True  # stepCount
 shapes.cylinder(1, 1, 1, axis="z")  # cylinder() got an unexpected keyword argument 'axis'
