@@ -10,7 +10,7 @@ from rbs.recordings import outputs
 from rbs.recordings.encoder import Video
 from rbs.recordings.page import PageWriter
 from rbs.recordings.recording import Recorder
-from rbs.scenes.messages import InputError, one_line
+from rbs.scenes.messages import cause_of
 
 # Those that follow the run; the video shows what is seen.
 FOLLOWING = "recording", "page"
@@ -95,8 +95,7 @@ class Outputs(outputs.Outputs):
                 recording.flush()
 
     def _tell_error(self, error):
-        isTold = isinstance(error, InputError)
-        self._viewer.message = str(error) if isTold else f"cannot write: {one_line(error)}"
+        self._viewer.message = cause_of(error)
 
     def _path(self, stem, ending):
         """Returns a path in out/<scene> that does not exist yet. Creates the folder."""
