@@ -34,8 +34,8 @@ def as_numbers(value):
     not made of numbers, also for a bool or a text among them.
     """
     array = value if isinstance(value, np.ndarray) else np.asarray(value, dtype=object)
-    some = array.flat if array.dtype == object else [array]
-    if not {np.asarray(one).dtype.kind for one in some} <= {*"iufO"}:
+    some = {type(one): one for one in array.flat} if array.dtype == object else {0: array}
+    if not {np.asarray(one).dtype.kind for one in some.values()} <= {*"iufO"}:
         raise TypeError
     return np.asarray(value, dtype=np.float64)
 
@@ -74,7 +74,7 @@ class Setting:
             found, isFine = bool(value), value in (True, False)
         else:
             try:
-                given = number(as_numbers(value))
+                given = value if type(value) is float else number(as_numbers(value))
                 found = self.kind(given)
             except (TypeError, ValueError, OverflowError):
                 given = found = math.nan
