@@ -17,7 +17,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from rbs.scenes.files import atomic_write
-from rbs.scenes.messages import InputError
+from rbs.scenes.messages import InputError, cause_of
 
 ROOT = Path(__file__).resolve().parent.parent
 # folder of the code → files to include
@@ -66,5 +66,5 @@ if __name__ == "__main__":
         target.parent.mkdir(parents=True, exist_ok=True)
         count = write(target)
     except (InputError, OSError) as error:
-        sys.exit(f"submission.py: {error}")
+        sys.exit(f"submission.py: {cause_of(error)}")
     print(f"{target}: {count} files, {target.stat().st_size / 1e6:.1f} MB")

@@ -20,7 +20,7 @@ if hasattr(signal, "SIGHUP"):
 @pytest.fixture(scope="module")
 def polyscope():
     """Polyscope, drawing off-screen in this process with the options of a fresh start."""
-    from opengl import require_opengl
+    from program import require_opengl
 
     from rbs.pictures.view import start_polyscope
 

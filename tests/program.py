@@ -1,13 +1,16 @@
-"""The program by subprocess, what it must agree with, and recordings made without it."""
+"""The program by subprocess, what it must agree with, recordings made without it, and OpenGL."""
 
 import os
 import subprocess
 import sys
 import time
+from functools import lru_cache
 
 import numpy as np
+import pytest
 from oracles import ROOT, ground
 
+from rbs.pictures.backends import find_backend
 from rbs.recordings.recording import Recorder
 from rbs.scenes.state import STATE_NAMES
 from RBSFunctions import run_timestep
@@ -102,3 +105,21 @@ def record(path, simulation, steps, change=None):
         recorder.add(simulation)
     recorder.save()
     return path
+
+
+found_backend = lru_cache(find_backend)
+
+
+def skip_or_fail(reason):
+    """Skips the test for this reason, or fails it if RBS_REQUIRE_OPENGL=1 is set, as in CI."""
+    if os.environ.get("RBS_REQUIRE_OPENGL") == "1":
+        pytest.fail(f"RBS_REQUIRE_OPENGL=1, but {reason}")
+    pytest.skip(reason)
+
+
+def require_opengl():
+    """Returns the Backend that draws off-screen here; ends the test if there is none."""
+    backend = found_backend(window=False)
+    if backend.name is None:
+        skip_or_fail(f"nothing can be drawn here: {backend.reason}. {backend.remedy}")
+    return backend

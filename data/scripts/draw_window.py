@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "report"))
 
 import polyscope as ps
 from PIL import Image
-from staging import write_mp4
+from staging import choose, write_mp4
 
 from rbs.appearance.camera import PictureOptions
 from rbs.glass.events import Kind
@@ -116,8 +116,9 @@ def draw(name):
 
 
 if __name__ == "__main__":
-    for chosen in sys.argv[1:] or PICTURES:
-        if len(sys.argv) == 2:
+    names = choose(PICTURES, __doc__.splitlines()[0])
+    for chosen in names:
+        if len(names) == 1:
             draw(chosen)
         else:  # Polyscope can start only once per process
             subprocess.run([sys.executable, __file__, chosen], check=True)

@@ -8,6 +8,7 @@ import argparse
 import itertools
 import math
 import random
+import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -512,8 +513,12 @@ def format_numbers(values):
 
 
 def write_lines(path, lines):
-    """Write lines of text, with line feeds on every system."""
-    path.write_text("\n".join(lines) + "\n", encoding="ascii", newline="\n")
+    """Write lines of text, with line feeds on every system, or end the program."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("\n".join(lines) + "\n", encoding="ascii", newline="\n")
+    except OSError as error:
+        sys.exit(f"{path}: {error.strerror}")
 
 
 def write_mesh(path, vertices, faces, tets):
@@ -546,7 +551,6 @@ def main():
     text, ours = "output folder (default: the folder above scripts/)", Path(__file__).parents[1]
     parser.add_argument("--out", type=Path, metavar="DIR", default=ours, help=text)
     folder = parser.parse_args().out
-    folder.mkdir(parents=True, exist_ok=True)
     for name, mesh in MESHES.items():
         write_mesh(folder / f"{name}.mesh", *mesh)
     vertices, faces, _ = MESHES["box"]

@@ -22,6 +22,8 @@ import integrationGrading
 import ResolveCollisionsGrading
 from reference.graderData import CONVENTIONS, DATA_DIRECTORY, EXACT, RELEASED_2024
 
+from rbs.scenes.messages import cause_of
+
 GRADERS = integrationGrading.GRADER, ResolveCollisionsGrading.GRADER, Constraints.GRADER
 
 
@@ -55,7 +57,7 @@ def main():
     try:
         make_reference(arguments.out, arguments.convention)
     except OSError as problem:
-        parser.exit(2, f"{parser.prog}: {arguments.out}: {problem.strerror}\n")
+        parser.exit(2, f"{parser.prog}: {cause_of(problem)}\n")
     print(f"wrote three files to {arguments.out}")
 
 

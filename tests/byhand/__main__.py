@@ -19,6 +19,7 @@ import experiments
 import hashes
 import mutations
 
+from rbs.scenes.messages import InputError, cause_of
 from rbs.stepping.settings import SETTINGS
 
 
@@ -67,4 +68,7 @@ def parser():
 
 if __name__ == "__main__":
     options = parser().parse_args()
-    sys.exit(options.run(options))
+    try:
+        sys.exit(options.run(options))
+    except (InputError, OSError) as error:
+        sys.exit(f"python tests/byhand: {cause_of(error)}")

@@ -19,6 +19,7 @@ from oracles import body, box_body, penetrations, quaternion, random_quaternions
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
+from rbs.scenes.messages import InputError
 from RigidBodySimulation import shapes
 
 G = 9.8
@@ -354,8 +355,6 @@ def row_pushed(count):
 
 def asleep(engine, make, *arguments, seconds, e=0.0, mu=0.0):
     """Largest difference between asleep and awake, of the largest way of a body that is awake."""
-    if engine != "soft step":
-        raise UnsuitedError
     (meshes, act), ways = make(*arguments), []
     settled, _ = run(engine, meshes, 1.5, mu=mu, sleeping=True)
     assert settled.report.isAsleep[2:].all()
@@ -414,8 +413,6 @@ def crowd(engine):
 
 def time_steps(engine, kind, *steps):
     """By how much a stack of five, or a chain that swings, is faster in steps of these lengths."""
-    if engine != "soft step":
-        raise UnsuitedError
     meshes, ties = (stack(5, UNIT), []) if kind == "stack" else hanging(10, 1.0)
     settings = {"constraints": ties, "sleeping": False, "hasGround": not ties}
     world, _ = run(engine, meshes, 6.0 if ties else 0.4, **settings)
@@ -775,8 +772,6 @@ def table():
 
 def pile(engine, make, *arguments, seconds=40.0, **settings):
     """Drift, sinking and speed in m/s: the largest of all bodies, without sleep."""
-    if engine != "soft step":
-        raise UnsuitedError
     meshes = make(*arguments)
     start = np.array([mesh.position[0] for mesh in meshes])
     run(engine, meshes, seconds, sleeping=False, **settings)
@@ -786,8 +781,6 @@ def pile(engine, make, *arguments, seconds=40.0, **settings):
 
 def heap(engine, seed, count=1000):
     """Median speed and largest overlap of a settled heap; % asleep after 500 more steps."""
-    if engine != "soft step":
-        raise UnsuitedError
     ((_, meshes),) = heap_states(count, ["settled"], seed)
     speed = np.median(np.linalg.norm([mesh.linVelocity[0] for mesh in meshes], axis=1))
     deepest, (world, _) = penetrations(meshes).max(), run(engine, meshes, 10.0)
@@ -821,10 +814,12 @@ class Row(NamedTuple):
     def measure(self, engine):
         """As many numbers as are due, of an engine by its name."""
         name, arguments = self.call.split("(", 1)
+        if name in SOFT_ONLY and engine != "soft step":
+            raise UnsuitedError
         return np.atleast_1d(eval(f"{name}(engine, {arguments}", NAMES | {"engine": engine}))
 
 
-NAMES = globals()
+NAMES, SOFT_ONLY = globals(), ("asleep", "heap", "pile", "time_steps")
 TABLE = Path(__file__).with_name("experiments.txt").read_text(encoding="utf-8")
 ROWS = [Row(*line.split(" | ")) for line in TABLE.partition("\n\n")[2].splitlines()]
 
@@ -840,9 +835,11 @@ def measured(one, engine):
 
 def main(options):
     names = ("soft step", "basic step", "MuJoCo", "PyBullet")
+    rows = [one for one in ROWS if any(word in one.what for word in options.words or [""])]
+    if not rows:
+        raise InputError(f"no row has any of {', '.join(options.words)} in its name")
     print(f"{describe_machine()}\n| row | due | {' | '.join(names)} |\n|---|{'---|' * 5}")
-    for one in ROWS:
-        if any(word in one.what for word in options.words or [""]):
-            due = ", ".join(f"{value:.4g}" for value in one.due)
-            cells = " | ".join(measured(one, name) for name in names)
-            print(f"| {one.what} | {due} | {cells} |", flush=True)
+    for one in rows:
+        due = ", ".join(f"{value:.4g}" for value in one.due)
+        cells = " | ".join(measured(one, name) for name in names)
+        print(f"| {one.what} | {due} | {cells} |", flush=True)

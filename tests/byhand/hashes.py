@@ -7,6 +7,7 @@ from hashlib import sha256
 
 from benchmark import describe_machine
 
+from rbs.scenes.messages import InputError
 from rbs.scenes.scenefiles import find_scene, list_scenes
 from rbs.scenes.simulation import SceneSimulation, Settings
 
@@ -25,6 +26,8 @@ RUNS = (
 def main(options):
     print(describe_machine())
     found = [(path, 500, {}) for folder in options.folders for path in list_scenes(folder)]
+    if options.folders and not found:
+        raise InputError(f"no scenes in {', '.join(options.folders)}")
     for scene, steps, settings in found or RUNS:
         simulation = SceneSimulation(find_scene(scene), Settings(**settings))
         for _ in range(steps):

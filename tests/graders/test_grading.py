@@ -168,7 +168,6 @@ def test_a_students_modules_may_have_the_names_of_ours(tmp_path, run):
 
 # The released skeleton as students have it, and a right solution on top of it.
 BOTH = studentVariants.on_skeleton()
-ALONE = {FUNCTIONS: BOTH[FUNCTIONS]}
 # As a whole folder is handed in: with what the release's folder holds.
 WHOLE = {f"code/{name}": text for name, text in BOTH.items()}
 WHOLE |= {
@@ -185,7 +184,7 @@ SUPPLIED = "Quaternion.py is not in the submission; the coursework supplies it"
 def marked(tmp_path_factory, run):
     """A folder with `in` and `out`: a solution alone and as a whole, and an untouched skeleton."""
     place = tmp_path_factory.mktemp("class")
-    submissions = {"s1234567": ALONE | {"report.pdf": "%PDF"}, "whole": WHOLE}
+    submissions = {"s1234567": {FUNCTIONS: BOTH[FUNCTIONS], "report.pdf": "%PDF"}, "whole": WHOLE}
     for name, files in (submissions | {"=untouched": studentVariants.UNTOUCHED}).items():
         written(place / "in" / name, files)
     graded = run("grade.py", place / "in", "--out", place / "out")

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from opengl import require_opengl
 from oracles import box_body
+from program import require_opengl
 
 from rbs.appearance import studiolight
 from rbs.appearance.camera import PictureOptions

@@ -8,11 +8,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import program
 import pytest
-from opengl import require_opengl
 from oracles import ROOT
 from PIL import Image
-from program import CAMERA, DATA, PROGRAM, by_hand, call, python, run, start, summary_of, wait_for
+from program import DATA, PROGRAM, call, python, require_opengl, run, summary_of, wait_for
 from studentVariants import STUDENT
 
 from rbs.program.options import TABLE, WINDOW, parse_options
@@ -71,7 +71,7 @@ def test_constraints_are_those_of_run_timestep(tmp_path, monkeypatch, capsys):
         found.add(positions.tobytes())
         if file is not None:
             options = {**options, "constraints": load_constraint_file(file, load_scene_file(scene))}
-        expected = by_hand(scene, 60, 0.5, 0.02, **options)
+        expected = program.by_hand(scene, 60, 0.5, 0.02, **options)
         np.testing.assert_array_equal(positions, expected["positions"])
         assert recording.source.constraints == (tmp_path / (file or OURS)).read_text()
     assert len(found) == len(CHAINS)
@@ -81,7 +81,7 @@ def test_pictures_and_video_of_a_run_and_its_replay_under_any_name(tmp_path):
     require_opengl()
     pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
     # A size in the file has no effect on the picture's; H.264 takes even sides only.
-    (tmp_path / "ü.json").write_text(json.dumps({**CAMERA, "windowWidth": 640}))
+    (tmp_path / "ü.json").write_text(json.dumps({**program.CAMERA, "windowWidth": 640}))
     options = "--size 161x121 --camera ü.json --show trails".split()
     outputs = "--record", "r.h5", "--video", "ein Film ö.mp4", "--screenshots", "viele/Bilder é"
     summary = summary_of(run(tmp_path, "tet", "--steps", 20, *outputs, *options))
@@ -104,7 +104,7 @@ def test_video_that_ctrl_c_ends_is_whole(tmp_path):
     require_opengl()
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
     words = "tet --video v.mp4 --steps 100000 --size 160x120 --every 1"
-    process = start(tmp_path, *words.split(), start_new_session=True)
+    process = program.start(tmp_path, *words.split(), start_new_session=True)
     part = tmp_path / "v.part.mp4"
     wait_for(lambda: part.exists() and part.stat().st_size, lambda: process.poll() is None)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the encoder as well
@@ -144,6 +144,19 @@ def test_ctrl_c_during_imports_ends_a_program_without_a_word(program, tmp_path):
     (tmp_path / "numpy.py").write_text("import signal\nsignal.raise_signal(signal.SIGINT)\n")
     process = python(tmp_path, program, PYTHONPATH=os.pathsep.join(map(str, (tmp_path, ROOT))))
     assert (process.returncode, process.stdout, process.stderr) == (-signal.SIGINT, "", "")
+
+
+TOOLS = "data/scripts/make_pile.py 5 --out f/x", "data/scripts/make_data.py --out f/x"
+TOOLS += "data/scripts/make_reference.py --out f", "report/submission.py f/x.zip"
+TOOLS += "tests/byhand benchmark nosuch", "tests/byhand hashes f", "tests/byhand experiments nosuch"
+
+
+@pytest.mark.parametrize("words", TOOLS)
+def test_a_tool_tells_in_one_line_what_it_cannot_use(words, tmp_path):
+    (tmp_path / "f").touch()
+    tool, *rest = words.split()
+    ended = python(tmp_path, ROOT / tool, *rest)
+    assert ended.returncode in (1, 2) and ended.stderr.count("\n") == 1, ended.stderr
 
 
 def fill():

@@ -7,10 +7,9 @@ import signal
 
 import numpy as np
 import pytest
-from opengl import require_opengl
 from oracles import ROOT, box_body
 from PIL import Image
-from program import bits, python
+from program import bits, python, require_opengl
 
 import RigidBodySimulation
 from rbs.pictures.backends import Backend

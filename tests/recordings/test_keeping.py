@@ -197,7 +197,6 @@ def test_whatever_is_done_by_hand_is_recorded_replayed_resumed_and_restored(tmp_
 
 
 def test_copies_of_bodies_keep_an_inertia_that_was_assigned():
-    """Of `from_meshes` and `add`."""
     light = shapes.box((1, 1, 1), 5.0, (0, 4, 0))
     light.invMass, light.invIT = 9.0, 3.0 * light.invIT
     for one in boxes().add(light), *Simulation.from_meshes([light]).meshes:

@@ -7,10 +7,9 @@ import time
 
 import numpy as np
 import pytest
-from opengl import skip_or_fail
 from oracles import box_body
 from PIL import Image
-from program import call, wait_for
+from program import call, skip_or_fail, wait_for
 
 from rbs.appearance.colours import BodyColours, linear
 from rbs.recordings.page import PageWriter

@@ -19,7 +19,6 @@ from RigidBodySimulation import Simulation
 
 @pytest.mark.parametrize("solver", ["impulse", "soft-step"])
 def test_contacts_of_a_recorded_step_are_those_of_its_report(tmp_path, solver):
-    """The step is made again, in any order of steps."""
     simulation = Simulation("tower", Settings(contactSolver=solver))
     with simulation.record(tmp_path / "r.h5"):
         contacts = [[], *(simulation.run(1).report.contacts for _ in range(80))]

@@ -10,9 +10,8 @@ import sys
 import zipfile
 
 import pytest
-from opengl import require_opengl
 from oracles import ROOT
-from program import python
+from program import python, require_opengl
 
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify

@@ -16,7 +16,6 @@ from RBSFunctions import resolve_position_constraint, resolve_velocity_constrain
 
 G = 9.8
 H = 0.02  # seconds
-UP = np.array([0.0, 1.0, 0.0])
 
 schedulings = pytest.mark.parametrize("scheduling", SETTINGS["constraintScheduling"].kind)
 
@@ -48,7 +47,7 @@ def tangle(rng, count=24, fixed=2):
 
     Some are between fixed bodies, some bounds are zero; bodies move and turn.
     """
-    places = 12.0 * np.array(list(itertools.product((0, 1), repeat=3))) + 100 * UP
+    places = 12.0 * np.array(list(itertools.product((0, 1), repeat=3))) + [0, 100, 0]
     meshes = []
     for k, place in enumerate(rng.permutation(places)):
         q, density = oracles.random_quaternions(rng, 1)[0], 10 ** rng.uniform(-1, 1)

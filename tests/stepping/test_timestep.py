@@ -2,6 +2,7 @@
 
 import itertools
 from collections import Counter
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,10 +16,7 @@ G = 9.8
 H = 0.02  # seconds
 EPS = np.finfo(float).eps
 UP = np.array([0.0, 1.0, 0.0])
-
-
-def mixed():
-    return load_scene_file(DATA / "mixed-scene.txt")
+MIXED = partial(load_scene_file, DATA / "mixed-scene.txt")
 
 
 def crowd():
@@ -115,7 +113,7 @@ def literal_step(meshes, groundMesh, timeStep, e):
     return contacts
 
 
-@pytest.mark.parametrize(("make", "steps"), [(mixed, 130), (crowd, 3)])
+@pytest.mark.parametrize(("make", "steps"), [(MIXED, 130), (crowd, 3)])
 @pytest.mark.parametrize("way", [{}, {"contactScheduling": "batches"}, {"broadPhase": "grid"}])
 def test_a_step_is_the_literal_loop(way, make, steps):
     fast, slow = ([*make(), ground()] for _ in range(2))  # the last one is nothing, and stays

@@ -8,9 +8,8 @@ import subprocess
 import sys
 
 import pytest
-from opengl import skip_or_fail
 from oracles import ROOT
-from program import DATA, wait_for
+from program import DATA, skip_or_fail, wait_for
 
 
 @pytest.fixture
