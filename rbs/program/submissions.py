@@ -211,7 +211,8 @@ def _remedy(error, folder):
     if isinstance(error, EOFError):
         return "remove the input() that is called during the import"
     if isinstance(error, SyntaxError | ValueError):
-        wide = [one.name for one in folder.glob("*.py") if one.read_bytes()[:2] in UTF16_MARKS]
+        paths = filter(Path.is_file, folder.glob("*.py"))
+        wide = [one.name for one in paths if one.read_bytes()[:2] in UTF16_MARKS]
         return f"save {', '.join(wide)} as UTF-8" if wide else ""
     if re.search(r"display|GLFW|OpenGL|libGL|\bX11\b|backend|polyscope", str(error), re.IGNORECASE):
         return "remove what opens a window during the import"

@@ -93,7 +93,8 @@ class SubmittedSteps:
         parameters = inspect.signature(self._theirs.resolve_collision).parameters
         self._friction = next(filter(FRICTION_NAME.fullmatch, parameters), None)
         digest = sha256()
-        for file in sorted(one.relative_to(self.folder) for one in self.folder.rglob("*.py")):
+        paths = sorted(filter(Path.is_file, self.folder.rglob("*.py")))
+        for file in (one.relative_to(self.folder) for one in paths):
             if not any(map(submissions.is_skipped, file.parts)):
                 content = (self.folder / file).read_bytes()
                 digest.update(file.as_posix().encode() + b"\0" + content + b"\0")

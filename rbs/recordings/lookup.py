@@ -80,7 +80,8 @@ def list_files(folder):
     scenes = list_scenes(folder) if folder.resolve() != DATA_FOLDER.resolve() else []
     named = [(one_line(scene_name(path)), path) for path in scenes]
     listed = {name: ListedFile(BESIDE, name, one_line(path.name), path) for name, path in named}
-    for path in sorted(folder.glob("*")):  # none if the folder has been removed
+    # none if the folder has been removed
+    for path in sorted(filter(Path.is_file, folder.glob("*"))):
         if is_recording_name(path):
             name = one_line(path.name)
             listed[name] = ListedFile(BESIDE, name, "a recording", path)

@@ -323,7 +323,7 @@ def find_scene(text, folder=None):
 
 def list_scenes(folder):
     """Returns the sorted paths of all scenes in a folder."""
-    return sorted(Path(folder).glob(f"*{SCENE_ENDING}"))
+    return sorted(filter(Path.is_file, Path(folder).glob(f"*{SCENE_ENDING}")))
 
 
 def find_constraints(scenePath):

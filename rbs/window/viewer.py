@@ -6,7 +6,7 @@
 import os
 import time
 from collections import deque
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -206,8 +206,11 @@ class Viewer:
         """Returns when the files of a student were saved last, or None without a student."""
         if (submitted := self.simulation.submitted) is None:
             return None
-        paths = Path(submitted.folder).glob("*.py")
-        return [(path.name, path.stat().st_mtime_ns) for path in sorted(paths)]
+        found = []
+        for path in sorted(Path(submitted.folder).glob("*.py")):
+            with suppress(OSError):  # of a lock, or of a file that is being replaced
+                found.append((path.name, path.stat().st_mtime_ns))
+        return found
 
     def watch(self):
         """Starts over if a student has saved a file."""

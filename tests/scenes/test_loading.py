@@ -292,7 +292,7 @@ def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
             find_scene(name)
     (sceneFolder / "tower").mkdir()  # does not hide the scene
     assert find_scene("tower") == find_scene("tower", ".") == DATA / "tower-scene.txt"
-    (sceneFolder / "own").mkdir()
+    (sceneFolder / "own" / "folder-scene.txt").mkdir(parents=True)
     beside = write(sceneFolder, "own/b-scene.txt", "1\nbox.mesh 1 0 0 9 0 1 0 0 0\n")
     monkeypatch.setenv("HOME", str(sceneFolder))
     assert find_scene("b", "own").resolve() == find_scene("b-scene.txt", "own").resolve() == beside

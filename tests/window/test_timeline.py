@@ -345,6 +345,7 @@ def test_a_students_files_are_dropped_loaded_again_and_an_endless_loop_is_stoppe
     monkeypatch.setattr("rbs.window.viewer.WATCH_SECONDS", 0.0)
     viewer = open_panel("mixed").viewer
     viewer._opener = SceneOpener(isBasic=True, loadFunctions=SubmittedSteps)  # noqa: SLF001
+    (folder / "lock.py").symlink_to("nowhere")  # as Emacs locks files
     viewer.open(path)
     assert viewer.simulation.submitted.folder == folder and not viewer.message
     viewer.step_once()
