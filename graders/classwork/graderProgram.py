@@ -20,8 +20,6 @@ from rbs.scenes.messages import InputError, cause_of, one_line
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
 STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
-
-
 # Exceptions that code for another Python or NumPy raises: syntax, what their modules lack, and
 # conversions and products that were allowed.
 _MODULES = "|".join(sorted({*sys.stdlib_module_names, "numpy"}))

@@ -10,6 +10,4 @@ from pathlib import Path
 PROJECT_DIRECTORY = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(PROJECT_DIRECTORY))
 
-from rbs.scenes.messages import prepare  # noqa: E402
-
-__all__ = ["PROJECT_DIRECTORY", "prepare"]
+from rbs.scenes.messages import prepare as prepare  # noqa: E402
