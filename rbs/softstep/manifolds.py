@@ -85,11 +85,10 @@ class Manifolds(SimpleNamespace):
         away = anchor[:, :, None] - old.anchor1[:, None]
         away = np.rint(dot(away, away) / grain)
         for k in range(POINTS):
-            distance = np.where(isLeft, away[k], np.inf)
-            nearest = distance.argmin(axis=0) * len(mine) + column
-            inherits = isPoint[k] & take(isLeft, nearest)
-            impulse[k] = np.where(inherits, take(old.impulse, nearest), 0.0)
-            isLeft.reshape(-1)[nearest[inherits]] = False
+            nearest = np.where(isLeft, away[k], np.inf).argmin(axis=0), column
+            inherits = isPoint[k] & isLeft[nearest]
+            impulse[k] = inherits * old.impulse[nearest]
+            isLeft[nearest] &= ~inherits
         self.impulse[:, mine] = impulse
         force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
         normal, tangent = take(self.normal, mine, axis=1), take(self.tangent, mine, axis=1)

@@ -149,9 +149,7 @@ class ContactRows:
         the point visited first takes most of a blow, and a box that lands flat tilts. In the soft
         sweep, sliding manifolds keep their friction, which would exceed the limit of the points.
         """
-        impulse, change, isSoft = np.empty_like(before), np.empty_like(before), softness is not None
-        error = speed[:POINTS] + bias
-        impulse[:POINTS] = before[:POINTS]
+        impulse, isSoft, error = before.copy(), softness is not None, speed[:POINTS] + bias
         left = before[:POINTS] - self.mass * error
         if not isSoft:
             common = self.isPoint * np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
@@ -165,7 +163,7 @@ class ContactRows:
             more = wanted - impulse[k]
             impulse[k] = wanted
             left[k + 1 :] -= self.K[k, k + 1 :] * more  # points that are still to be visited
-        change[:POINTS], change[POINTS:] = impulse[:POINTS] - before[:POINTS], speed[POINTS:]
+        change = np.concatenate((impulse[:POINTS] - before[:POINTS], speed[POINTS:]))
         friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
         # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
         limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
