@@ -83,20 +83,20 @@ class Sleep(SimpleNamespace):
         return Sleep(isAsleep=isAsleep, timer=timer, way=way, state=state)
 
 
-def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
+def wake(step, frames, state, gravity, manifolds, tied, isDisturbed, isBereft):
     """`(manifolds, sleep, isTried (n,))`: the manifolds and the `Sleep` with which the bodies of a
     `Step` move, and which sleepers are tried.
 
-    state, kept : `SolverState` before the step, and in it; tied : as for `detect`
+    state : `SolverState`; gravity : (3,), of the last step; tied : as for `detect`
     isDisturbed, isBereft : (n,), bodies that were changed, and that touched a removed one
     """
-    bodies, count, sleep, isFree = frames.bodies, frames.count, kept.sleep, ~frames.bodies.isFixed
+    bodies, count, sleep, isFree = frames.bodies, frames.count, state.sleep, ~frames.bodies.isFixed
     isBereft = isBereft | (np.isinf(sleep.timer) & isFree)  # of itself, if it was fixed
-    if isBereft.any() or (isDisturbed.any() and len(kept.manifolds.key)):
-        lost = kept.manifolds.rows(indices(find_sorted(kept.manifolds.key, manifolds.key) < 0))
+    if isBereft.any() or (isDisturbed.any() and len(state.manifolds.key)):
+        lost = state.manifolds.rows(indices(find_sorted(state.manifolds.key, manifolds.key) < 0))
         isLeft = np.append(isBereft, False)
         isLeft[lost.bodies(count)[:, lost.impulse.any(axis=0)]] = True
-        manifolds, isBereft = released(manifolds, frames, isLeft, state.surroundings[:3])
+        manifolds, isBereft = released(manifolds, frames, isLeft, gravity)
     isTried = np.zeros(count, dtype=bool)
     if not step.sleeping:
         return manifolds, Sleep.none(bodies), isTried
