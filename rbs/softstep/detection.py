@@ -1,7 +1,5 @@
 """Contacts of a step: near pairs, and their old and new manifolds."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from Quaternion import multiply
@@ -30,17 +28,6 @@ MARGIN = 0.01
 # radius besides. With more, more pairs are compared in each step; with less, they are looked up
 # more often.
 AHEAD, ASIDE = 8.0, 0.2
-
-
-class Contacts(NamedTuple):
-    """K contacts of bodies with the ground, and of pairs, before their points are selected."""
-
-    first: np.ndarray  # (K,), bodies
-    second: np.ndarray
-    normal: np.ndarray  # (3, K), unit
-    tangent: np.ndarray
-    row: np.ndarray  # (Q,), contact of each corner
-    corners: np.ndarray  # (4, Q), see `pair_corners`
 
 
 class Frames:
@@ -161,7 +148,7 @@ def detect(step, frames, kept, isDisturbed, tied):
     ground = _ground_contacts(frames, landing)
     pairs, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
     contacts = _with_pairs(frames, pairs, valid, ground) if len(pairs.first) else ground
-    new = _new_manifolds(frames, contacts)
+    new = _new_manifolds(frames, *contacts)
     new.inherit(kept.manifolds)
     return valid.joined(new)
 
@@ -218,41 +205,43 @@ def _facing_pairs(frames, first, second, axis):
 
 
 def _with_pairs(frames, pairs, valid, ground):
-    """Returns the `Contacts` with the ground and those of pairs, see `_facing_pairs`; pairs that
-    defer to a support, among these and the valid `Manifolds`, take over its normal.
+    """Contacts with the ground and those of pairs, see `_facing_pairs`, as for `_new_manifolds`;
+    pairs that defer to a support, among these and the valid `Manifolds`, take over its normal.
 
     A pair whose faces, seen along the normal, do not overlap touches nowhere.
     """
     ofValid, normal = valid.bodies(frames.count), pairs.axis
     asked = slice(len(valid.key), len(valid.key) + len(pairs.first))
     known = mat_vec(take(frames.rotation, ofValid[0], axis=1), valid.normal)
-    ends = ofValid, (pairs.first, pairs.second), (ground.first, ground.second)
-    ends = np.concatenate(ends, axis=1)
-    normals = np.concatenate((known, normal, ground.normal), axis=1)
+    ends = np.concatenate((ofValid, (pairs.first, pairs.second), ground[:2]), axis=1)
+    normals = np.concatenate((known, normal, ground[2]), axis=1)
     normal, isContact = deferring(frames, ends, normals, asked)
     tangent = tangents(normal)
     row, corners = pair_corners(pairs, normal, tangent)
     kept = indices(isContact[row])
     isMet = np.bincount(row[kept], minlength=len(pairs.first)) > 0
-    met, row = indices(isMet), take(isMet.cumsum() - 1, row[kept]) + len(ground.first)
+    met, row = indices(isMet), take(isMet.cumsum() - 1, row[kept]) + len(ground[0])
     found = [take(x, met, axis=-1) for x in (pairs.first, pairs.second, normal, tangent)]
-    return Contacts(*vectors.joined(ground, (*found, row, take(corners, kept, axis=1))))
+    return vectors.joined(ground, (*found, row, take(corners, kept, axis=1)))
 
 
 def _ground_contacts(frames, body):
-    """`Contacts` of the bodies (K,) with the ground."""
+    """Contacts of the bodies (K,) with the ground, as for `_new_manifolds`."""
     ground = np.full(len(body), frames.count)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
     hulls = frames.hulls
     row, column = vectors.ranges(take(hulls.vertexStart, body), take(hulls.vertexCount, body))
     x, y, z = take(hulls.vertices, column, axis=1)
     height = y + take(frames.position[1, body], row)
-    return Contacts(body, ground, *axes, row, np.array((x, z, -height, np.zeros_like(x))))
+    return body, ground, *axes, row, np.array((x, z, -height, np.zeros_like(x)))
 
 
-def _new_manifolds(frames, contacts):
-    """Builds the `Manifolds` of `Contacts`; not sorted, and without impulses."""
-    first, second, normal, tangent, row, corners = contacts
+def _new_manifolds(frames, first, second, normal, tangent, row, corners):
+    """Builds the `Manifolds` of K contacts; not sorted, and without impulses.
+
+    first, second : (K,), bodies; normal, tangent : (3, K), unit
+    row, corners : (Q,), contact of each corner, and (4, Q), see `pair_corners`
+    """
     order = row.argsort(kind="stable")
     row, corners = take(row, order), take(corners, order, axis=1)
     u, v, height1, height2 = corners
