@@ -12,7 +12,7 @@ import numpy as np
 
 from rbs.geometry.facets import find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners
-from rbs.geometry.lowest import support_features
+from rbs.geometry.lowest import supports
 from rbs.geometry.patches import Polygons, overlap_corners
 from rbs.geometry.vectors import cross, dot, find_sorted, indices, ranges, row_minima, take
 
@@ -141,7 +141,7 @@ def pair_corners(pairs, normal, tangent):
     bodies = np.concatenate((pairs.first, pairs.second))
     origin = np.concatenate((-pairs.t, np.zeros_like(pairs.t)), axis=1)
     outward = np.concatenate((normal, -normal), axis=1)
-    face = _touching_faces(hulls, bodies, outward, np.tile(tolerance, 2))
+    face = _touching_faces(hulls, bodies, outward)
     row, corner, count = face_corners(hulls, bodies, face)
     corner += take(origin, row, axis=1)
     faces = Polygons(count, dot(corner[:, None], take(frame[:, :2], row, axis=2)))
@@ -155,23 +155,17 @@ def pair_corners(pairs, normal, tangent):
     return row, np.array((u, v, *heights))
 
 
-def _touching_faces(hulls, bodies, outward, tolerance):
+def _touching_faces(hulls, bodies, outward):
     """Of the faces at the support point of each body (R,), that which faces the other one most.
 
     outward : (3, R), normals of contact, towards the other bodies. Faces elsewhere may be closer to
     them, but do not contain the deepest point.
     """
-    _, count, column = support_features(hulls, bodies, -outward, tolerance)
-    last = count.cumsum() - 1
-    ends = take(column, np.array((last - count + 1, last)))  # of the support features
-    count = take(hulls.vertexFaceCount, ends[0])
-    row, face = ranges(take(hulls.vertexFaceStart, ends[0]), count)
+    vertex = supports(hulls, bodies, -outward)[1]
+    count = take(hulls.vertexFaceCount, vertex)
+    row, face = ranges(take(hulls.vertexFaceStart, vertex), count)
     face = take(hulls.vertexFaces, face)
-    normal, offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
-    # a face has both ends if their mean is on its plane
-    middle = take(0.5 * (take(hulls.vertices, ends, axis=1).sum(axis=1)), row, axis=1)
-    hasEnds = dot(normal, middle) >= offset - 4.0 * take(tolerance, row)
-    cosine = np.where(hasEnds, dot(normal, take(outward, row, axis=1)), -1.0)
+    cosine = dot(take(hulls.normals, face, axis=1), take(outward, row, axis=1))
     return take(face, row_minima(-cosine, count)[1])
 
 
