@@ -14,7 +14,7 @@ from rbs.geometry.facets import find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners
 from rbs.geometry.lowest import supports
 from rbs.geometry.patches import Polygons, overlap_corners
-from rbs.geometry.vectors import cross, dot, find_sorted, indices, ranges, row_minima, take
+from rbs.geometry.vectors import cross, dot, find_sorted, indices, norm, ranges, row_minima, take
 
 POINTS = 4
 # Ratio of the masses of two bodies in contact from which their island is solved until it converges.
@@ -79,11 +79,8 @@ class Manifolds(SimpleNamespace):
         mine = indices(known >= 0)
         old, column = old.rows(take(known, mine)), np.arange(len(mine))
         isPoint, anchor = take(self.isPoint, mine, axis=1), take(self.anchor1, mine, axis=2)
-        # of squares; equal ones may not differ by rounding
-        grain = ROUNDING * np.maximum(dot(old.translation, old.translation), TINY)
         impulse, isLeft = np.zeros(isPoint.shape), old.isPoint.copy()
-        away = anchor[:, :, None] - old.anchor1[:, None]
-        away = np.rint(dot(away, away) / grain)
+        away = norm(anchor[:, :, None] - old.anchor1[:, None])
         for k in range(POINTS):
             nearest = np.where(isLeft, away[k], np.inf).argmin(axis=0), column
             inherits = isPoint[k] & isLeft[nearest]
