@@ -34,8 +34,8 @@ class Frames:
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
     velocity : (6, n + 1); the ground stays where it is even if it has one, as a conveyor belt
-    shift : (3, n), displacements in the step's free flight; spinReach : (n,), by how much points of
-        each body move as it turns
+    flight : (6, n + 1), displacements in the step's free flight, and rotation vectors; shift :
+        (3, n), the former; spinReach : (n,), by how much points of each body move as it turns
     displacement : (6, n + 1), and rotation vectors, without gravity, forces and torques; glide :
         (3, n + 1), without the latter
 
@@ -43,7 +43,6 @@ class Frames:
 
     reach : (n + 1,), largest distance that points of each body move in the flight
     tiedReach : (n + 1,), the same of what constraints join it to, or 0
-    extraReach : (n,), what is not by its own shift: the sum of `spinReach` and `tiedReach`
     box : (6, n), bounding boxes of the whole flight, with a margin that keeps the manifolds of
         resting pairs and lets sleeping bodies sleep
     isNearGround : (n,), bodies that may meet the ground in the flight
@@ -61,14 +60,16 @@ class Frames:
         self.displacement = timeStep * self.velocity
         self.glide = self.displacement[:3]
         drop = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
-        self.shift = timeStep * (bodies.linVelocity + drop)
+        self.flight = np.zeros((6, self.count + 1))
+        self.shift, turn = self.flight[:3, :-1], self.flight[3:, :-1]
+        self.shift[:] = timeStep * (bodies.linVelocity + drop)
         # in the frame of the ground, of what is fixed, or else of all bodies
         held = self.glide[:, -1:]
         if not hasGround:
             isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
             held = self.shift[:, isHeld].mean(axis=1, keepdims=True)
         self.shift -= held
-        turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
+        turn[:] = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
         self.spinReach = norm(turn) * self.hulls.radius
 
     def near_pairs(self, isStill, tied):
@@ -81,8 +82,7 @@ class Frames:
         # constraints may make a body as fast as the one it is tied to
         np.maximum.at(self.tiedReach, tied, own[tied[::-1]])
         self.reach = np.maximum(own, self.tiedReach)
-        self.extraReach = self.spinReach + self.tiedReach[:-1]
-        margin = self.extraReach + MARGIN * self.hulls.thickness
+        margin = self.spinReach + self.tiedReach[:-1] + MARGIN * self.hulls.thickness
         flight = np.concatenate((self.shift, -self.shift))
         self.box = self.bodies.box + np.minimum(flight, 0.0) - margin
         self.isNearGround = self.hasGround & (self.box[1] <= 0.0) & ~self.bodies.isFixed
@@ -93,6 +93,15 @@ class Frames:
     def sizes(self, first, second):
         """Returns the lesser thickness and the lesser radius of the two hulls, (2, P)."""
         return np.minimum(take(self._sizes, first, axis=1), take(self._sizes, second, axis=1))
+
+    def advances(self, first, second, axis):
+        """Gaps (P,) that pairs may close in the flight, along axes (3, P), unit."""
+        ends, axis = np.array((first, second)), axis[:, None]
+        flight, size = take(self.flight, ends, axis=1), self.sizes(first, second)[0]
+        # a body that withdraws counts as still, because the impulse of another one may stop it
+        along, turn = dot(flight[:3], axis), norm(cross(flight[3:], axis))
+        way = np.maximum(along[0], 0.0) - np.minimum(along[1], 0.0) + MARGIN * size
+        return way + (turn * take(self.radius, ends) + take(self.tiedReach, ends)).sum(axis=0)
 
     def translations(self, first, second):
         """Vectors (3, P) from the first COM to the second, or to the ground right below."""
@@ -172,20 +181,18 @@ def _facing_pairs(frames, first, second, axis):
     A pair with a separating axis, now and after the flight, has no contact.
     """
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
-    axis, (size, radius) = pairs.axis, frames.sizes(first, second)
-    # a body that withdraws counts as still, because the impulse of another one may stop it
-    advance = take(frames.extraReach, first) + take(frames.extraReach, second)
-    advance += np.maximum(dot(take(frames.shift, first, axis=1), axis), 0.0)
-    advance -= np.minimum(dot(take(frames.shift, second, axis=1), axis), 0.0)
-    near = indices(pairs.penetration >= -(advance + MARGIN * size))
-    pairs, size, slop = pairs.of(near), size[near], FLUSH * radius[near]
+    axis, advance = pairs.axis, frames.advances(first, second, pairs.axis)
+    near = indices(pairs.penetration >= -advance)
+    pairs = pairs.of(near)
     if len(near) == 0:
         return pairs, axis
+    size, radius = frames.sizes(pairs.first, pairs.second)
     separation = frames.reach[pairs.first] + frames.reach[pairs.second] + MARGIN * size
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
-    penetration, normal = contact_normals(pairs, separation, approach, slop)
+    penetration, normal = contact_normals(pairs, separation, approach, FLUSH * radius)
     pairs.axis = axis[:, near] = normal
-    return pairs.of(indices(penetration >= -separation)), axis
+    advance = frames.advances(pairs.first, pairs.second, normal)
+    return pairs.of(indices(penetration >= -advance)), axis
 
 
 def _with_pairs(frames, pairs, valid, ground):
