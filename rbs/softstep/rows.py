@@ -169,7 +169,7 @@ class ContactRows:
         limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
         sliding = indices(leastSlip)
         if isSoft:
-            friction[:, sliding] = take(before[POINTS:], sliding, 1)
+            np.copyto(friction, before[POINTS:], where=leastSlip > 0.0)
         size = friction * friction
         size[0] += size[1]
         size = np.sqrt(size[::2])
