@@ -72,17 +72,15 @@ class Manifolds(SimpleNamespace):
     def inherit(self, old):
         """Takes over impulses of the manifolds that these replace.
 
-        Each point inherits from the nearest old one, in the first body's frame, and all together
-        what the old ones had. Friction is carried over as a vector.
+        The impulse of each old point passes on to the nearest new one, in the first body's frame.
+        Friction is carried over as a vector.
         """
         known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
         old, anchor = old.rows(take(known, mine)), take(self.anchor1, mine, axis=2)
         away = norm(anchor[:, :, None] - old.anchor1[:, None])
-        nearest = np.where(old.isPoint, away, np.inf).argmin(axis=1)
-        impulse = take(self.isPoint, mine, axis=1) * np.take_along_axis(old.impulse, nearest, axis=0)
-        load = np.add.reduce(old.impulse) / np.maximum(np.add.reduce(impulse), TINY)
-        self.impulse[:, mine] = impulse * load
+        nearest = np.where(take(self.isPoint, mine, axis=1)[:, None], away, np.inf).argmin(axis=0)
+        np.add.at(self.impulse, (nearest, mine), old.impulse)
         force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
         normal, tangent = take(self.normal, mine, axis=1), take(self.tangent, mine, axis=1)
         friction = dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2]
