@@ -72,21 +72,15 @@ class Manifolds(SimpleNamespace):
     def inherit(self, old):
         """Takes over impulses of the manifolds that these replace.
 
-        Each point in turn inherits from the nearest old point that no other has inherited from, in
-        the first body's frame. Friction is carried over as a vector.
+        The impulse of each old point passes on to the nearest new one, in the first body's frame.
+        Friction is carried over as a vector.
         """
         known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
-        old, column = old.rows(take(known, mine)), np.arange(len(mine))
-        isPoint, anchor = take(self.isPoint, mine, axis=1), take(self.anchor1, mine, axis=2)
-        impulse, isLeft = np.zeros(isPoint.shape), old.isPoint.copy()
+        old, anchor = old.rows(take(known, mine)), take(self.anchor1, mine, axis=2)
         away = norm(anchor[:, :, None] - old.anchor1[:, None])
-        for k in range(POINTS):
-            nearest = np.where(isLeft, away[k], np.inf).argmin(axis=0), column
-            inherits = isPoint[k] & isLeft[nearest]
-            impulse[k] = inherits * old.impulse[nearest]
-            isLeft[nearest] &= ~inherits
-        self.impulse[:, mine] = impulse
+        nearest = np.where(take(self.isPoint, mine, axis=1)[:, None], away, np.inf).argmin(axis=0)
+        np.add.at(self.impulse, (nearest, mine), old.impulse)
         force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
         normal, tangent = take(self.normal, mine, axis=1), take(self.tangent, mine, axis=1)
         friction = dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2]

@@ -155,9 +155,9 @@ def test_what_rolls_over_seams_does_not_feel_them():
 def test_thin_plates_lie_on_each_other():
     """Dropped, by up to 0.6; they sink in by 0.012 if they lie straight. All points count that
     overlap, or will: otherwise, a plate that lands on one corner gets through the one below it.
-    That happens in one of seven heaps, which differ in their random numbers only.
+    That happens in a few of the heaps, which differ in their random numbers only.
     """
-    lanes, thickness = [], np.array([0.06, 0.03, *[0.02] * 100])
+    lanes, thickness = [], np.array([0.06, *[0.03] * 41])
     for seed, thin in enumerate(thickness):
         rng, meshes = np.random.default_rng(seed), []
         for k in range(8):
@@ -171,7 +171,7 @@ def test_thin_plates_lie_on_each_other():
     run(in_lanes(*lanes), 1.2, hasGround=True, mu=0.5)
     heights = np.array([[mesh.position[0, 1] for mesh in meshes] for meshes in lanes])
     off = np.abs(heights - np.outer(thickness, np.arange(8) + 0.5)).max(axis=1)
-    assert off[:2].max() < 0.02 and np.count_nonzero(off > 0.02) <= 25
+    assert off[:2].max() < 0.02 and np.count_nonzero(off > 0.02) <= 6
     assert min(mesh.currVertices[:, 1].min() for meshes in lanes for mesh in meshes) > -0.006
 
 
