@@ -120,8 +120,9 @@ class ContactRows:
 
     def speeds(self, motion):
         """Speeds (7, M) of the rows; those of the points are > 0 if separating."""
-        v, w = take(motion.velocity, self.places).reshape(2, 2, 3, -1)
-        return np.einsum("irm,im->rm", self.J, np.concatenate((v[1] - v[0], *w)))
+        v = take(motion.velocity, self.places).reshape(12, -1)
+        v[3:6] -= v[:3]
+        return np.einsum("irm,im->rm", self.J, v[3:])
 
     def apply(self, motion, impulse):
         """Applies impulses (7, M) to the bodies."""
