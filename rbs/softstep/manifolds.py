@@ -168,26 +168,23 @@ def four_points(row, u, v, separation, growth, size, margin):
     size, margin : (K,), least thickness, and height over the deepest point up to which others count
         if that does not go on
 
-    In this order: the deepest point; the predicted deepest one or, if that is the same, the
-    farthest from it; the point that forms the largest triangle with these; and the point that adds
-    most to the triangle. Points that are apart, now and at the end of the step, count less: a long
-    cylinder touches with the other end of its side, even if the next side ends farther away.
-    isPoint is false where no such point is left.
+    In this order: the deepest point; the farthest from it; the point that forms the largest
+    triangle with these; and the point that adds most to the triangle. Points that are apart, now
+    and at the end of the step, count less: a long cylinder touches with the other end of its side,
+    even if the next side ends farther away. isPoint is false where no such point is left.
     """
     count, grain = np.bincount(row), take(ROUNDING * size, row)
     later = separation + growth
-    first, following = (row_minima(np.rint(x / grain), count)[1] for x in (separation, later))
+    first = row_minima(np.rint(separation / grain), count)[1]
     height = separation - take(np.maximum(separation[first], 0.0), row)
-    height = np.maximum(np.minimum(height, later - take(later[following], row)), 0.0)
+    height = np.maximum(np.minimum(height, later - take(row_minima(later, count)[0], row)), 0.0)
     # others still come down by as much as the deepest point would go on, if it met nothing
     beyond = np.maximum(np.minimum(-later[first], -growth[first]), 0.0)
     weight = 1.0 - height / take(margin + beyond, row)
-    merge = FEATURE_TOLERANCE * size
-    goesOn = later[first] - later[following] > merge
 
     isNear = weight >= 0.0  # the others are not selected
     near, place = indices(isNear), isNear.cumsum() - 1
-    first, following = place[first], place[following]
+    first, merge = place[first], FEATURE_TOLERANCE * size
     row, u, v, weight = (take(x, near) for x in (row, u, v, weight))
     count, grain = np.bincount(row), take(ROUNDING * size * size, row)
 
@@ -201,10 +198,8 @@ def four_points(row, u, v, separation, growth, size, margin):
         return take(u[q], row) * v - take(v[q], row) * u
 
     u, v = u - take(u[first], row), v - take(v[first], row)
-    away = u * u + v * v
-    second = np.where(goesOn, following, farthest(away)[0])
-    length = np.sqrt(away[second])
-    areas = area(second)
+    second, away = farthest(u * u + v * v)
+    length, areas = np.sqrt(away), area(second)
     third, size3 = farthest(np.abs(areas))
     # twice the areas that each point adds beyond the three sides
     sense = take(np.where(areas[third] < 0, 1.0, -1.0), row)

@@ -292,13 +292,8 @@ def contact_rows(placed, bodies, inverse, frames, motion, mu):
         moments[k, :, :6], moments[k, :, 6] = triples.cross(own, axes[:, :6]), sign * n
         change = mat_vec(take(rate, ends[k], 1)[:, None], own)
         turning[k] = triples.cross(change, axes[:, :6])
-    # a body that constraints pull does not turn on as it did, unless something bears it
-    isTurning, isLoaded = frames.tiedReach == 0.0, placed.impulse[:POINTS].any(axis=0)
-    isTurning[placed.first[isLoaded]] = isTurning[placed.second[isLoaded]] = True
-    isTurning &= ~np.append(frames.bodies.isFixed, True)
-    turning *= isTurning[placed.first] | isTurning[placed.second]
-    turning = turning.reshape(6, 6, -1)
-    return ContactRows(motion, masses, (ends, isPoint, J, limits, levers, weights), turning)
+    geometry = ends, isPoint, J, limits, levers, weights
+    return ContactRows(motion, masses, geometry, turning.reshape(6, 6, -1))
 
 
 def mean_squares(weights, speed):
