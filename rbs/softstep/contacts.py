@@ -354,10 +354,6 @@ class StillContacts:
         impulses = manifolds.impulse * placed.isPoint, manifolds.friction
         return placed.reported(self._substeps * np.concatenate(impulses))
 
-    @property
-    def depths(self):
-        return self.columns[3]
-
 
 def spring(frequency, damping, h):
     """`(β, s)` of a soft bound, β in 1/s, for substeps of h seconds.

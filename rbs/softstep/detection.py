@@ -1,12 +1,9 @@
 """Contacts of a step: near pairs, and their old and new manifolds."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from Quaternion import multiply
 from rbs.geometry import vectors
-from rbs.geometry.broadphase import islands, overlapping
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import tangents
 from rbs.geometry.vectors import cross, dot, find_sorted, indices, mat_vec, norm, take, vec_mat
@@ -32,24 +29,13 @@ MARGIN = 0.01
 AHEAD, ASIDE = 8.0, 0.2
 
 
-class Contacts(NamedTuple):
-    """K contacts of bodies with the ground, and of pairs, before their points are selected."""
-
-    first: np.ndarray  # (K,), bodies
-    second: np.ndarray
-    normal: np.ndarray  # (3, K), unit
-    tangent: np.ndarray
-    row: np.ndarray  # (Q,), contact of each corner
-    corners: np.ndarray  # (4, Q), see `pair_corners`
-
-
 class Frames:
     """Poses of n bodies and of the ground, at the origin, in n + 1 columns, and their free flight.
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
     velocity : (6, n + 1); the ground stays where it is even if it has one, as a conveyor belt
-    shift : (3, n), displacements in the step's free flight; spinReach : (n,), by how much points of
-        each body move as it turns
+    flight : (6, n + 1), displacements in the step's free flight, and rotation vectors; shift :
+        (3, n), the former; spinReach : (n,), by how much points of each body move as it turns
     displacement : (6, n + 1), and rotation vectors, without gravity, forces and torques; glide :
         (3, n + 1), without the latter
 
@@ -57,7 +43,6 @@ class Frames:
 
     reach : (n + 1,), largest distance that points of each body move in the flight
     tiedReach : (n + 1,), the same of what constraints join it to, or 0
-    extraReach : (n,), what is not by its own shift: the sum of `spinReach` and `tiedReach`
     box : (6, n), bounding boxes of the whole flight, with a margin that keeps the manifolds of
         resting pairs and lets sleeping bodies sleep
     isNearGround : (n,), bodies that may meet the ground in the flight
@@ -75,53 +60,48 @@ class Frames:
         self.displacement = timeStep * self.velocity
         self.glide = self.displacement[:3]
         drop = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
-        self.shift = timeStep * (bodies.linVelocity + drop)
+        self.flight = np.zeros((6, self.count + 1))
+        self.shift, turn = self.flight[:3, :-1], self.flight[3:, :-1]
+        self.shift[:] = timeStep * (bodies.linVelocity + drop)
         # in the frame of the ground, of what is fixed, or else of all bodies
         held = self.glide[:, -1:]
         if not hasGround:
             isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
             held = self.shift[:, isHeld].mean(axis=1, keepdims=True)
         self.shift -= held
-        turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
+        turn[:] = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
         self.spinReach = norm(turn) * self.hulls.radius
 
     def near_pairs(self, isStill, tied):
         """Returns the pairs (2, P) that may meet in the flight, and sets `reach` and `box`.
 
         isStill : (n,), bodies that do not move; tied : see `detect`
-
-        Islands of such bodies that can meet nothing that is fixed move relative to their mean.
         """
-        margin, ways = self._place_boxes(tied), np.concatenate((self.glide, -self.glide))[:, :-1]
-        growth = AHEAD * (margin - np.minimum(ways, 0.0)) + ASIDE * self.hulls.radius
-        near = self.bodies.near_pairs(self.box, isStill, growth)
-        isHeld = self.bodies.isFixed | self.isNearGround
-        island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
-        isFree = (np.bincount(island, isHeld) == 0.0)[island]
-        if isFree[near].any():
-            total = np.array([np.bincount(island, x)[island] for x in self.shift])
-            self.shift -= np.where(isFree, total / np.bincount(island)[island], 0.0)
-            self._place_boxes(tied)
-            near = overlapping(self.box, *near)
-        return near
-
-    def _place_boxes(self, tied):
-        """Sets `reach` and `box` for the present `shift`; returns the margin (n,)."""
         own = np.concatenate((norm(self.shift) + self.spinReach, [0.0]))
         self.tiedReach = np.zeros(self.count + 1)
         # constraints may make a body as fast as the one it is tied to
         np.maximum.at(self.tiedReach, tied, own[tied[::-1]])
         self.reach = np.maximum(own, self.tiedReach)
-        self.extraReach = self.spinReach + self.tiedReach[:-1]
-        margin = self.extraReach + MARGIN * self.hulls.thickness
+        margin = self.spinReach + self.tiedReach[:-1] + MARGIN * self.hulls.thickness
         flight = np.concatenate((self.shift, -self.shift))
         self.box = self.bodies.box + np.minimum(flight, 0.0) - margin
         self.isNearGround = self.hasGround & (self.box[1] <= 0.0) & ~self.bodies.isFixed
-        return margin
+        ways = np.concatenate((self.glide, -self.glide))[:, :-1]
+        growth = AHEAD * (margin - np.minimum(ways, 0.0)) + ASIDE * self.hulls.radius
+        return self.bodies.near_pairs(self.box, isStill, growth)
 
     def sizes(self, first, second):
         """Returns the lesser thickness and the lesser radius of the two hulls, (2, P)."""
         return np.minimum(take(self._sizes, first, axis=1), take(self._sizes, second, axis=1))
+
+    def advances(self, first, second, axis):
+        """Gaps (P,) that pairs may close in the flight, along axes (3, P), unit."""
+        ends, axis = np.array((first, second)), axis[:, None]
+        flight, size = take(self.flight, ends, axis=1), self.sizes(first, second)[0]
+        # a body that withdraws counts as still, because the impulse of another one may stop it
+        along, turn = dot(flight[:3], axis), norm(cross(flight[3:], axis))
+        way = np.maximum(along[0], 0.0) - np.minimum(along[1], 0.0) + MARGIN * size
+        return way + (turn * take(self.radius, ends) + take(self.tiedReach, ends)).sum(axis=0)
 
     def translations(self, first, second):
         """Vectors (3, P) from the first COM to the second, or to the ground right below."""
@@ -161,7 +141,7 @@ def detect(step, frames, kept, isDisturbed, tied):
     ground = _ground_contacts(frames, landing)
     pairs, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
     contacts = _with_pairs(frames, pairs, valid, ground) if len(pairs.first) else ground
-    new = _new_manifolds(frames, contacts)
+    new = _new_manifolds(frames, *contacts)
     new.inherit(kept.manifolds)
     return valid.joined(new)
 
@@ -201,58 +181,58 @@ def _facing_pairs(frames, first, second, axis):
     A pair with a separating axis, now and after the flight, has no contact.
     """
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
-    axis, (size, radius) = pairs.axis, frames.sizes(first, second)
-    # a body that withdraws counts as still, because the impulse of another one may stop it
-    advance = take(frames.extraReach, first) + take(frames.extraReach, second)
-    advance += np.maximum(dot(take(frames.shift, first, axis=1), axis), 0.0)
-    advance -= np.minimum(dot(take(frames.shift, second, axis=1), axis), 0.0)
-    near = indices(pairs.penetration >= -(advance + MARGIN * size))
-    pairs, size, slop = pairs.of(near), size[near], FLUSH * radius[near]
+    axis, advance = pairs.axis, frames.advances(first, second, pairs.axis)
+    near = indices(pairs.penetration >= -advance)
+    pairs = pairs.of(near)
     if len(near) == 0:
         return pairs, axis
+    size, radius = frames.sizes(pairs.first, pairs.second)
     separation = frames.reach[pairs.first] + frames.reach[pairs.second] + MARGIN * size
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
-    penetration, normal = contact_normals(pairs, separation, approach, slop)
+    penetration, normal = contact_normals(pairs, separation, approach, FLUSH * radius)
     pairs.axis = axis[:, near] = normal
-    return pairs.of(indices(penetration >= -separation)), axis
+    advance = frames.advances(pairs.first, pairs.second, normal)
+    return pairs.of(indices(penetration >= -advance)), axis
 
 
 def _with_pairs(frames, pairs, valid, ground):
-    """Returns the `Contacts` with the ground and those of pairs, see `_facing_pairs`; pairs that
-    defer to a support, among these and the valid `Manifolds`, take over its normal.
+    """Contacts with the ground and those of pairs, see `_facing_pairs`, as for `_new_manifolds`;
+    pairs that defer to a support, among these and the valid `Manifolds`, take over its normal.
 
     A pair whose faces, seen along the normal, do not overlap touches nowhere.
     """
     ofValid, normal = valid.bodies(frames.count), pairs.axis
     asked = slice(len(valid.key), len(valid.key) + len(pairs.first))
     known = mat_vec(take(frames.rotation, ofValid[0], axis=1), valid.normal)
-    ends = ofValid, (pairs.first, pairs.second), (ground.first, ground.second)
-    ends = np.concatenate(ends, axis=1)
-    normals = np.concatenate((known, normal, ground.normal), axis=1)
+    ends = np.concatenate((ofValid, (pairs.first, pairs.second), ground[:2]), axis=1)
+    normals = np.concatenate((known, normal, ground[2]), axis=1)
     normal, isContact = deferring(frames, ends, normals, asked)
     tangent = tangents(normal)
     row, corners = pair_corners(pairs, normal, tangent)
     kept = indices(isContact[row])
     isMet = np.bincount(row[kept], minlength=len(pairs.first)) > 0
-    met, row = indices(isMet), take(isMet.cumsum() - 1, row[kept]) + len(ground.first)
+    met, row = indices(isMet), take(isMet.cumsum() - 1, row[kept]) + len(ground[0])
     found = [take(x, met, axis=-1) for x in (pairs.first, pairs.second, normal, tangent)]
-    return Contacts(*vectors.joined(ground, (*found, row, take(corners, kept, axis=1))))
+    return vectors.joined(ground, (*found, row, take(corners, kept, axis=1)))
 
 
 def _ground_contacts(frames, body):
-    """`Contacts` of the bodies (K,) with the ground."""
+    """Contacts of the bodies (K,) with the ground, as for `_new_manifolds`."""
     ground = np.full(len(body), frames.count)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
     hulls = frames.hulls
     row, column = vectors.ranges(take(hulls.vertexStart, body), take(hulls.vertexCount, body))
     x, y, z = take(hulls.vertices, column, axis=1)
     height = y + take(frames.position[1, body], row)
-    return Contacts(body, ground, *axes, row, np.array((x, z, -height, np.zeros_like(x))))
+    return body, ground, *axes, row, np.array((x, z, -height, np.zeros_like(x)))
 
 
-def _new_manifolds(frames, contacts):
-    """Builds the `Manifolds` of `Contacts`; not sorted, and without impulses."""
-    first, second, normal, tangent, row, corners = contacts
+def _new_manifolds(frames, first, second, normal, tangent, row, corners):
+    """Builds the `Manifolds` of K contacts; not sorted, and without impulses.
+
+    first, second : (K,), bodies; normal, tangent : (3, K), unit
+    row, corners : (Q,), contact of each corner, and (4, Q), see `pair_corners`
+    """
     order = row.argsort(kind="stable")
     row, corners = take(row, order), take(corners, order, axis=1)
     u, v, height1, height2 = corners

@@ -12,9 +12,9 @@ import numpy as np
 
 from rbs.geometry.facets import find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners
-from rbs.geometry.lowest import support_features
+from rbs.geometry.lowest import supports
 from rbs.geometry.patches import Polygons, overlap_corners
-from rbs.geometry.vectors import cross, dot, find_sorted, indices, ranges, row_minima, take
+from rbs.geometry.vectors import cross, dot, find_sorted, indices, norm, ranges, row_minima, take
 
 POINTS = 4
 # Ratio of the masses of two bodies in contact from which their island is solved until it converges.
@@ -72,25 +72,15 @@ class Manifolds(SimpleNamespace):
     def inherit(self, old):
         """Takes over impulses of the manifolds that these replace.
 
-        Each point in turn inherits from the nearest old point that no other has inherited from, in
-        the first body's frame. Friction is carried over as a vector.
+        The impulse of each old point passes on to the nearest new one, in the first body's frame.
+        Friction is carried over as a vector.
         """
         known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
-        old, column = old.rows(take(known, mine)), np.arange(len(mine))
-        isPoint, anchor = take(self.isPoint, mine, axis=1), take(self.anchor1, mine, axis=2)
-        # of squares; equal ones may not differ by rounding
-        grain = ROUNDING * np.maximum(dot(old.translation, old.translation), TINY)
-        impulse, isLeft = np.zeros(isPoint.shape), old.isPoint.copy()
-        away = anchor[:, :, None] - old.anchor1[:, None]
-        away = np.rint(dot(away, away) / grain)
-        for k in range(POINTS):
-            distance = np.where(isLeft, away[k], np.inf)
-            nearest = distance.argmin(axis=0) * len(mine) + column
-            inherits = isPoint[k] & take(isLeft, nearest)
-            impulse[k] = np.where(inherits, take(old.impulse, nearest), 0.0)
-            isLeft.reshape(-1)[nearest[inherits]] = False
-        self.impulse[:, mine] = impulse
+        old, anchor = old.rows(take(known, mine)), take(self.anchor1, mine, axis=2)
+        away = norm(anchor[:, :, None] - old.anchor1[:, None])
+        nearest = np.where(take(self.isPoint, mine, axis=1)[:, None], away, np.inf).argmin(axis=0)
+        np.add.at(self.impulse, (nearest, mine), old.impulse)
         force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
         normal, tangent = take(self.normal, mine, axis=1), take(self.tangent, mine, axis=1)
         friction = dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2]
@@ -142,7 +132,7 @@ def pair_corners(pairs, normal, tangent):
     bodies = np.concatenate((pairs.first, pairs.second))
     origin = np.concatenate((-pairs.t, np.zeros_like(pairs.t)), axis=1)
     outward = np.concatenate((normal, -normal), axis=1)
-    face = _touching_faces(hulls, bodies, outward, np.tile(tolerance, 2))
+    face = _touching_faces(hulls, bodies, outward)
     row, corner, count = face_corners(hulls, bodies, face)
     corner += take(origin, row, axis=1)
     faces = Polygons(count, dot(corner[:, None], take(frame[:, :2], row, axis=2)))
@@ -156,23 +146,17 @@ def pair_corners(pairs, normal, tangent):
     return row, np.array((u, v, *heights))
 
 
-def _touching_faces(hulls, bodies, outward, tolerance):
+def _touching_faces(hulls, bodies, outward):
     """Of the faces at the support point of each body (R,), that which faces the other one most.
 
     outward : (3, R), normals of contact, towards the other bodies. Faces elsewhere may be closer to
     them, but do not contain the deepest point.
     """
-    _, count, column = support_features(hulls, bodies, -outward, tolerance)
-    last = count.cumsum() - 1
-    ends = take(column, np.array((last - count + 1, last)))  # of the support features
-    count = take(hulls.vertexFaceCount, ends[0])
-    row, face = ranges(take(hulls.vertexFaceStart, ends[0]), count)
+    vertex = supports(hulls, bodies, -outward)[1]
+    count = take(hulls.vertexFaceCount, vertex)
+    row, face = ranges(take(hulls.vertexFaceStart, vertex), count)
     face = take(hulls.vertexFaces, face)
-    normal, offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
-    # a face has both ends if their mean is on its plane
-    middle = take(0.5 * (take(hulls.vertices, ends, axis=1).sum(axis=1)), row, axis=1)
-    hasEnds = dot(normal, middle) >= offset - 4.0 * take(tolerance, row)
-    cosine = np.where(hasEnds, dot(normal, take(outward, row, axis=1)), -1.0)
+    cosine = dot(take(hulls.normals, face, axis=1), take(outward, row, axis=1))
     return take(face, row_minima(-cosine, count)[1])
 
 
@@ -184,26 +168,23 @@ def four_points(row, u, v, separation, growth, size, margin):
     size, margin : (K,), least thickness, and height over the deepest point up to which others count
         if that does not go on
 
-    In this order: the deepest point; the predicted deepest one or, if that is the same, the
-    farthest from it; the point that forms the largest triangle with these; and the point that adds
-    most to the triangle. Points that are apart, now and at the end of the step, count less: a long
-    cylinder touches with the other end of its side, even if the next side ends farther away.
-    isPoint is false where no such point is left.
+    In this order: the deepest point; the farthest from it; the point that forms the largest
+    triangle with these; and the point that adds most to the triangle. Points that are apart, now
+    and at the end of the step, count less: a long cylinder touches with the other end of its side,
+    even if the next side ends farther away. isPoint is false where no such point is left.
     """
     count, grain = np.bincount(row), take(ROUNDING * size, row)
     later = separation + growth
-    first, following = (row_minima(np.rint(x / grain), count)[1] for x in (separation, later))
+    first = row_minima(np.rint(separation / grain), count)[1]
     height = separation - take(np.maximum(separation[first], 0.0), row)
-    height = np.maximum(np.minimum(height, later - take(later[following], row)), 0.0)
+    height = np.maximum(np.minimum(height, later - take(row_minima(later, count)[0], row)), 0.0)
     # others still come down by as much as the deepest point would go on, if it met nothing
     beyond = np.maximum(np.minimum(-later[first], -growth[first]), 0.0)
     weight = 1.0 - height / take(margin + beyond, row)
-    merge = FEATURE_TOLERANCE * size
-    goesOn = later[first] - later[following] > merge
 
     isNear = weight >= 0.0  # the others are not selected
     near, place = indices(isNear), isNear.cumsum() - 1
-    first, following = place[first], place[following]
+    first, merge = place[first], FEATURE_TOLERANCE * size
     row, u, v, weight = (take(x, near) for x in (row, u, v, weight))
     count, grain = np.bincount(row), take(ROUNDING * size * size, row)
 
@@ -217,10 +198,8 @@ def four_points(row, u, v, separation, growth, size, margin):
         return take(u[q], row) * v - take(v[q], row) * u
 
     u, v = u - take(u[first], row), v - take(v[first], row)
-    away = u * u + v * v
-    second = np.where(goesOn, following, farthest(away)[0])
-    length = np.sqrt(away[second])
-    areas = area(second)
+    second, away = farthest(u * u + v * v)
+    length, areas = np.sqrt(away), area(second)
     third, size3 = farthest(np.abs(areas))
     # twice the areas that each point adds beyond the three sides
     sense = take(np.where(areas[third] < 0, 1.0, -1.0), row)

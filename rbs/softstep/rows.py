@@ -51,7 +51,7 @@ class ContactRows:
     arms turn with their bodies: on the tangent of its circle, one that rolls would rise, and lose
     what it falls back.
 
-    ends : (2, M), columns of `Motion`; isPoint : (4, M)
+    ends : (2, M), columns of `Motion`; isPoint : (4, M), 1 or 0
     places : (12 M,), where the forces on the two bodies, and the torques, are added up
     J : (9, 7, M), transposed: e, -r1 × e and r2 × e
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
@@ -72,7 +72,7 @@ class ContactRows:
         """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `weights`
 
         masses : see `split_masses`; island : (M,), for `converged`
-        turning : (6, 7, M), change of the arms in J in a second; None if they do not turn
+        turning : (6, 6, M), change of the arms in J in a second; None if they do not turn
         """
         self.ends, self.isPoint, self.J, self.limits, self.levers, self.weights = geometry
         self.turning, self.island = turning, island
@@ -89,9 +89,9 @@ class ContactRows:
             A[row, :row] = A[:row, row]
         for row in (slice(0, POINTS), 4, 5):
             A[row, row] += masses[0].sum(axis=0)
-        self.applied, isPoint = np.zeros((9, len(A[0, 0]))), 1.0 * self.isPoint
+        self.applied, isPoint = np.zeros((9, len(A[0, 0]))), self.isPoint
         normal, diagonal = A[:POINTS, :POINTS], A.diagonal().T[:POINTS]
-        self.mass = self.isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
+        self.mass = isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
         self.K = self.mass * normal
         total = np.einsum("jm,jkm,km->m", isPoint, normal, isPoint)
         self.shared = isPoint / -np.where(total > 0.0, total, 1.0)
@@ -107,7 +107,7 @@ class ContactRows:
 
     def turn(self, seconds):
         """Turns the arms with their bodies."""
-        self.J[3:] += seconds * self.turning
+        self.J[3:, :6] += seconds * self.turning
 
     def of(self, some, isActive, motion):
         """Returns the rows of manifolds `some` (K,) as if there were no others, with their islands;
@@ -116,12 +116,13 @@ class ContactRows:
         given = self.ends, self.J, self.limits, self.levers, self.weights
         ends, *others = (take(x, some, -1) for x in given)
         masses, island = split_masses(ends, motion.inverse), islands_of(ends, motion.invMass)
-        return ContactRows(motion, masses, (ends, isActive, *others), island=island)
+        return ContactRows(motion, masses, (ends, 1.0 * isActive, *others), island=island)
 
     def speeds(self, motion):
         """Speeds (7, M) of the rows; those of the points are > 0 if separating."""
-        v, w = take(motion.velocity, self.places).reshape(2, 2, 3, -1)
-        return np.einsum("irm,im->rm", self.J, np.concatenate((v[1] - v[0], *w)))
+        v = take(motion.velocity, self.places).reshape(12, -1)
+        v[3:6] -= v[:3]
+        return np.einsum("irm,im->rm", self.J, v[3:])
 
     def apply(self, motion, impulse):
         """Applies impulses (7, M) to the bodies."""
@@ -131,10 +132,10 @@ class ContactRows:
 
     def push(self, motion, wrench):
         """Applies forces, and torques on the first and the second bodies, (9, M), times seconds."""
-        parts = np.concatenate((-wrench[:3], wrench)).ravel()
-        wrench = np.bincount(self.places, parts, 6 * len(motion.invMass)).reshape(6, -1)
-        motion.velocity[:3] += motion.invMass * wrench[:3]
-        motion.velocity[3:] += mat_vec(motion.invInertia, wrench[3:])
+        parts, total = np.concatenate((-wrench[:3], wrench)), np.zeros((6, len(motion.invMass)))
+        np.add.at(total.reshape(-1), self.places, parts.ravel())  # faster than `bincount`
+        motion.velocity[:3] += motion.invMass * total[:3]
+        motion.velocity[3:] += mat_vec(motion.invInertia, total[3:])
 
     def solved(self, before, speed, bias, leastSlip, softness=None, most=None):
         """Returns the impulses (7, M) after one sweep: λ ← s (λ - m (u + bias)), λ ≥ 0.
@@ -149,9 +150,7 @@ class ContactRows:
         the point visited first takes most of a blow, and a box that lands flat tilts. In the soft
         sweep, sliding manifolds keep their friction, which would exceed the limit of the points.
         """
-        impulse, change, isSoft = np.empty_like(before), np.empty_like(before), softness is not None
-        error = speed[:POINTS] + bias
-        impulse[:POINTS] = before[:POINTS]
+        impulse, isSoft, error = before.copy(), softness is not None, speed[:POINTS] + bias
         left = before[:POINTS] - self.mass * error
         if not isSoft:
             common = self.isPoint * np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
@@ -165,13 +164,13 @@ class ContactRows:
             more = wanted - impulse[k]
             impulse[k] = wanted
             left[k + 1 :] -= self.K[k, k + 1 :] * more  # points that are still to be visited
-        change[:POINTS], change[POINTS:] = impulse[:POINTS] - before[:POINTS], speed[POINTS:]
+        change = np.concatenate((impulse[:POINTS] - before[:POINTS], speed[POINTS:]))
         friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
         # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
         limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
         sliding = indices(leastSlip)
         if isSoft:
-            friction[:, sliding] = take(before[POINTS:], sliding, 1)
+            np.copyto(friction, before[POINTS:], where=leastSlip > 0.0)
         size = friction * friction
         size[0] += size[1]
         size = np.sqrt(size[::2])
@@ -285,21 +284,16 @@ def contact_rows(placed, bodies, inverse, frames, motion, mu):
     arms[1, :, :POINTS] = placed.arm + placed.gap * n[:, None]
     arms[1] -= (take(frames.position, placed.second, axis=1) - placed.start1)[:, None]
 
-    spin, turning = motion.begin[3:], np.zeros((2, 3, 7, placed.count))
+    spin, turning = motion.begin[3:], np.empty_like(arms)
     rate = np.stack(turn_matrix(motion.timeStep * spin)) - np.eye(3).reshape(9, 1)
     rate /= motion.timeStep
     for k, sign in enumerate((-1.0, 1.0)):
         own = sign * arms[k]
         moments[k, :, :6], moments[k, :, 6] = triples.cross(own, axes[:, :6]), sign * n
         change = mat_vec(take(rate, ends[k], 1)[:, None], own)
-        turning[k, :, :6] = triples.cross(change, axes[:, :6])
-    # a body that constraints pull does not turn on as it did, unless something bears it
-    isTurning, isLoaded = frames.tiedReach == 0.0, placed.impulse[:POINTS].any(axis=0)
-    isTurning[placed.first[isLoaded]] = isTurning[placed.second[isLoaded]] = True
-    isTurning &= ~np.append(frames.bodies.isFixed, True)
-    turning *= isTurning[placed.first] | isTurning[placed.second]
-    turning = turning.reshape(6, 7, -1)
-    return ContactRows(motion, masses, (ends, placed.isPoint, J, limits, levers, weights), turning)
+        turning[k] = triples.cross(change, axes[:, :6])
+    geometry = ends, isPoint, J, limits, levers, weights
+    return ContactRows(motion, masses, geometry, turning.reshape(6, 6, -1))
 
 
 def mean_squares(weights, speed):

@@ -22,7 +22,6 @@ import numpy as np
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import cross, dot, find_sorted, indices, norm, take, vec_mat
 from rbs.softstep.contacts import SLEEP_SECONDS
-from rbs.softstep.manifolds import ROUNDING
 from rbs.softstep.placed import PlacedManifolds
 from rbs.softstep.rows import reached
 
@@ -83,20 +82,20 @@ class Sleep(SimpleNamespace):
         return Sleep(isAsleep=isAsleep, timer=timer, way=way, state=state)
 
 
-def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
+def wake(step, frames, state, gravity, manifolds, tied, isDisturbed, isBereft):
     """`(manifolds, sleep, isTried (n,))`: the manifolds and the `Sleep` with which the bodies of a
     `Step` move, and which sleepers are tried.
 
-    state, kept : `SolverState` before the step, and in it; tied : as for `detect`
+    state : `SolverState`; gravity : (3,), of the last step; tied : as for `detect`
     isDisturbed, isBereft : (n,), bodies that were changed, and that touched a removed one
     """
-    bodies, count, sleep, isFree = frames.bodies, frames.count, kept.sleep, ~frames.bodies.isFixed
+    bodies, count, sleep, isFree = frames.bodies, frames.count, state.sleep, ~frames.bodies.isFixed
     isBereft = isBereft | (np.isinf(sleep.timer) & isFree)  # of itself, if it was fixed
-    if isBereft.any() or (isDisturbed.any() and len(kept.manifolds.key)):
-        lost = kept.manifolds.rows(indices(find_sorted(kept.manifolds.key, manifolds.key) < 0))
+    if isBereft.any() or (isDisturbed.any() and len(state.manifolds.key)):
+        lost = state.manifolds.rows(indices(find_sorted(state.manifolds.key, manifolds.key) < 0))
         isLeft = np.append(isBereft, False)
         isLeft[lost.bodies(count)[:, lost.impulse.any(axis=0)]] = True
-        manifolds, isBereft = released(manifolds, frames, isLeft, state.surroundings[:3])
+        manifolds, isBereft = released(manifolds, frames, isLeft, gravity)
     isTried = np.zeros(count, dtype=bool)
     if not step.sleeping:
         return manifolds, Sleep.none(bodies), isTried
@@ -150,30 +149,22 @@ def released(manifolds, frames, isLeft, gravity):
 
     gravity : m/s², of the last step
 
-    A support is also lost that moves away faster than a body falls. If nothing else holds the
-    body, the loads of the manifolds above it end at once, and their points no longer overlap.
-    Otherwise, each body would still press on the next as it falls.
+    If nothing else holds such a body, the loads of the manifolds above it end at once, and their
+    points no longer overlap. Otherwise, each body would still press on the next as it falls.
     """
-    isStill, manifolds = np.append(frames.bodies.isFixed, True), deepcopy(manifolds)
+    manifolds, isHeld = deepcopy(manifolds), np.append(frames.bodies.isFixed, True)
     placed = PlacedManifolds(manifolds, frames, np.arange(len(manifolds.key)))
     height = dot(np.reshape(gravity, (3, 1)), placed.normal)
     isUp = height < 0.0  # the second body lies above the first
     lower, upper = np.where(isUp, (placed.first, placed.second), (placed.second, placed.first))
-    fall = frames.timeStep * ~frames.bodies.isFixed * frames.bodies.acceleration[:3]
-    velocity = frames.velocity[:3] + np.column_stack((fall, np.zeros(3)))
-    way = take(velocity, placed.second, axis=1) - take(velocity, placed.first, axis=1)
-    rounding = ROUNDING * frames.timeStep * norm(gravity)
-    isLeaving = isStill[lower] & (dot(way, placed.normal) > rounding)
     isLoaded = manifolds.impulse.any(axis=0) & (height != 0.0)
-    isLeft[upper[isLoaded & isLeaving]] = True
-    isHeld = isStill.copy()
     isTouching = ((placed.gap <= 0.0) & placed.isPoint).any(axis=0) & (height != 0.0)
-    isHeld[upper[isTouching & ~isLeaving]] = True
+    isHeld[upper[isTouching]] = True
     free, found = isLeft & ~isHeld, -1
     while np.count_nonzero(free) > found:
         found = np.count_nonzero(free)
         free[upper[isLoaded & free[lower]]] = True
-    rows = indices(free[lower] | (isLeaving & free[upper]))
+    rows = indices(free[lower])
     manifolds.impulse[:, rows] = manifolds.friction[:, rows] = 0.0
     lift = placed.normal[:, None, rows] * np.maximum(-placed.gap[:, rows], 0.0)
     rotation = take(frames.rotation, placed.second[rows], axis=1)

@@ -41,19 +41,18 @@ def soft_step(step):
         return
     with report.phase("gather"):
         state = SolverState() if state is None else state
-        kept, isBereft = state.begun(bodies)
+        before, isBereft = state.surroundings, state.renumber(bodies)
         h, hasGround = step.timeStep / step.substeps, step.groundMesh is not None
         constraints = constraint_keys(step.constraints, bodies)
         tied = constraints[0:4:2].astype(np.intp)
-        isDisturbed, ratio = kept.disturbed(step, hasGround, constraints, tied, h)
-        bodies.start_moved(kept.sleep.state[:3], kept.sleep.state[9:], step.timeStep)
+        isDisturbed, ratio = state.disturbed(step, hasGround, constraints, tied, h)
+        bodies.start_moved(state.sleep.state[:3], state.sleep.state[9:], step.timeStep)
         isMoving = isDisturbed | isBereft | bodies.isKinematic
-        if step.sleeping and not (isMoving | (kept.sleep.isAsleep == bodies.isFixed)).any():
-            if kept.rest is None:
-                kept.rest = StillContacts(step, kept.manifolds)
-            state.replace(kept)
-            report.isAsleep = kept.sleep.isAsleep
-            report.add_later(kept.rest)
+        if step.sleeping and not (isMoving | (state.sleep.isAsleep == bodies.isFixed)).any():
+            if state.rest is None:
+                state.rest = StillContacts(step, state.manifolds)
+            report.isAsleep = state.sleep.isAsleep
+            report.add_later(state.rest)
             return
         bodies.update_rotations()
         drift = None
@@ -63,12 +62,12 @@ def soft_step(step):
             drift = bodies.angVelocity - begin
     with report.phase("collisions"):
         frames = Frames(bodies, step.timeStep, hasGround)
-        found = detect(step, frames, kept, isDisturbed, tied)
-        given = state, kept, found, tied, isDisturbed, isBereft
+        found = detect(step, frames, state, isDisturbed, tied)
+        given = state, before[:3], found, tied, isDisturbed, isBereft
         manifolds, sleep, isTried = wake(step, frames, *given)
     with report.phase("contactSolver"):
         motion = Motion(frames, sleep.isAsleep & ~isTried, drift)
-        distances = SoftConstraints(constraints, frames, motion, kept, h, ratio)
+        distances = SoftConstraints(constraints, frames, motion, state, h, ratio)
         contacts = SoftContacts(manifolds, frames, motion, step.mu, h, ratio)
         for _ in range(step.substeps):
             _make_substep(motion, contacts, distances, h)
@@ -76,19 +75,18 @@ def soft_step(step):
         contacts.impact(motion, step.CRCoeff, distances)
     with report.phase("writeBack"):
         motion.store(bodies)
-        kept.sleep = sleep.settled(step, frames, motion, isTried)
-        isStill = (sleep.isAsleep & kept.sleep.isAsleep) | bodies.isFixed
-        kept.manifolds = contacts.store(manifolds, np.concatenate((isStill, [True])))
+        state.sleep = sleep.settled(step, frames, motion, isTried)
+        isStill = (sleep.isAsleep & state.sleep.isAsleep) | bodies.isFixed
+        state.manifolds = contacts.store(manifolds, np.concatenate((isStill, [True])))
         bodies.check("contacts and constraints")
-        kept.constraint, kept.constraintImpulse = constraints, distances.impulse
-        kept.rest = None
+        state.constraint, state.constraintImpulse = constraints, distances.impulse
+        state.rest = None
         bodies.write_back()
-        state.replace(kept)
-    report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(kept.pairKey)
+    report.isAsleep, report.candidatePairs = state.sleep.isAsleep, len(state.pairKey)
     report.constraintVisits = distances.visits
     report.add_columns(*contacts.reported(contacts.total))
     if len(contacts.others):
-        report.add_later(StillContacts(step, kept.manifolds.rows(contacts.others)))
+        report.add_later(StillContacts(step, state.manifolds.rows(contacts.others)))
 
 
 def _make_substep(motion, contacts, distances, h):
@@ -215,20 +213,16 @@ class SolverState:
         self.constraintImpulse = np.zeros((2, 0))
         self.substep, self.removed, self.rest = 0.0, (), None
 
-    def begun(self, bodies):
-        """`(state, isBereft)`: a new state in which a step of these bodies begins, and whether each
-        body (n,) touched a removed one. This state does not change.
+    def renumber(self, bodies):
+        """Takes up the bodies of a step. Returns which (n,) touched a removed one.
 
-        Added bodies are awake and have no contacts. Bodies that touched a removed one wake. Without
-        `removed`, bodies are taken to be removed from the end of the list.
+        Added bodies are awake and have no contacts. Without `removed`, bodies are taken to be
+        removed from the end of the list.
         """
         count = len(bodies.meshes)
         isBereft = np.zeros(count, dtype=bool)
-        state = SolverState()
-        state.replace(self)
-        state.removed = ()
         if self.count is None:
-            state.sleep = Sleep.none(bodies)
+            self.sleep = Sleep.none(bodies)
         elif self.count != count or self.removed:
             old = list(range(self.count))
             for body in self.removed:  # each index counts without those before
@@ -236,14 +230,14 @@ class SolverState:
             # new indices, ascending; -1 if removed
             number = np.full(self.count + 1, -1)
             number[old[:count]], number[-1] = np.arange(len(old[:count])), count
-            state.pairKey, state.pairAxis = self.pairKey[:0], self.pairAxis[:, :0]
-            state.manifolds, touched = self.manifolds.renumbered(number)
-            state.sleep = self.sleep.renumbered(bodies, number)
+            self.pairKey, self.pairAxis = self.pairKey[:0], self.pairAxis[:, :0]
+            self.manifolds, touched = self.manifolds.renumbered(number)
+            self.sleep = self.sleep.renumbered(bodies, number)
             isBereft[touched] = True
             if self.removed:
-                state.constraint, state.constraintImpulse = np.zeros((6, 0)), np.zeros((2, 0))
-        state.count = count
-        return state, isBereft
+                self.constraint, self.constraintImpulse = np.zeros((6, 0)), np.zeros((2, 0))
+        self.count, self.removed = count, ()
+        return isBereft
 
     def disturbed(self, step, hasGround, constraint, tied, h):
         """`(isDisturbed (n,), ratio)`: which bodies wake because they were changed, or are driven,

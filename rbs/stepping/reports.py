@@ -76,7 +76,7 @@ class StepReport:
     @property
     def contactCount(self):
         """Number of contacts, without listing them."""
-        waiting = sum(len(late.depths) for late in self._later)
+        waiting = sum(len(late.columns[3]) for late in self._later)
         return len(self._contacts) + len(self.found) + waiting
 
     @property
@@ -84,7 +84,7 @@ class StepReport:
         """Largest depth of a contact, or 0, without listing them."""
         depths = [contact.depth for contact in self._contacts]
         depths += [abs(number(found[2])) for found in self.found]
-        depths += [late.depths.max(initial=0.0) for late in self._later]
+        depths += [late.columns[3].max(initial=0.0) for late in self._later]
         return float(max(depths, default=0.0))
 
     @property
@@ -96,10 +96,10 @@ class StepReport:
         """Adds contacts given as arrays: rank (m,), position in the order i < j; then the fields of
         `Contact`, (m,) or (3, m).
         """
-        self.add_later(SimpleNamespace(depths=columns[3], columns=columns))
+        self.add_later(SimpleNamespace(columns=columns))
 
     def add_later(self, contacts):
-        """Adds contacts that are listed once somebody asks, by their `depths` and `columns`."""
+        """Adds contacts that are listed once somebody asks, by their `columns`."""
         self._later.append(contacts)
 
     def phase(self, name):
