@@ -86,9 +86,7 @@ class SoftContacts(PlacedManifolds):
         least = max(TOLERANCE * self.fallSpeed * h / self.timeStep, self.rounding, TINY)
         self.leastSlip = np.where(self._may_slide(), least, 0.0)
         isUneven, loads = self._weighed(inverse[0], motion)
-        # without gravity, nothing is a load
-        loads = loads * np.where(motion.fallRate > 0.0, self.weight, 1.0 / TINY)
-        self.most = (1.0 - self.softness) * loads
+        self.most = (1.0 - self.softness) * loads * self.weight
         # impulses of shorter substeps are a wrong start, which one sweep would leave
         self.isUneven = isUneven | (ratio > 1.0)
         # in every substep, constraints may pull down again what one sweep has stopped
@@ -323,9 +321,8 @@ class SoftContacts(PlacedManifolds):
         return total
 
     def store(self, manifolds, isStill):
-        """Returns the manifolds with the values from which the next step starts.
-
-        isStill : (n + 1,), bodies that have not moved; what is between them stays as it was
+        """Returns the manifolds with the values from which the next step starts. What is between
+        bodies that have not moved, isStill (n + 1,), stays as it was.
         """
         kept = copy(manifolds)
         kept.impulse, kept.friction = kept.impulse.copy(), kept.friction.copy()
