@@ -22,6 +22,7 @@ import numpy as np
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import cross, dot, find_sorted, indices, norm, take, vec_mat
 from rbs.softstep.contacts import SLEEP_SECONDS
+from rbs.softstep.manifolds import ROUNDING
 from rbs.softstep.placed import PlacedManifolds
 from rbs.softstep.rows import reached
 
@@ -149,22 +150,30 @@ def released(manifolds, frames, isLeft, gravity):
 
     gravity : m/s², of the last step
 
-    If nothing else holds such a body, the loads of the manifolds above it end at once, and their
-    points no longer overlap. Otherwise, each body would still press on the next as it falls.
+    A support is also lost that moves away faster than a body falls. If nothing else holds the
+    body, the loads of the manifolds above it end at once, and their points no longer overlap.
+    Otherwise, each body would still press on the next as it falls.
     """
-    manifolds, isHeld = deepcopy(manifolds), np.append(frames.bodies.isFixed, True)
+    isStill, manifolds = np.append(frames.bodies.isFixed, True), deepcopy(manifolds)
     placed = PlacedManifolds(manifolds, frames, np.arange(len(manifolds.key)))
     height = dot(np.reshape(gravity, (3, 1)), placed.normal)
     isUp = height < 0.0  # the second body lies above the first
     lower, upper = np.where(isUp, (placed.first, placed.second), (placed.second, placed.first))
+    fall = frames.timeStep * ~frames.bodies.isFixed * frames.bodies.acceleration[:3]
+    velocity = frames.velocity[:3] + np.column_stack((fall, np.zeros(3)))
+    way = take(velocity, placed.second, axis=1) - take(velocity, placed.first, axis=1)
+    rounding = ROUNDING * frames.timeStep * norm(gravity)
+    isLeaving = isStill[lower] & (dot(way, placed.normal) > rounding)
     isLoaded = manifolds.impulse.any(axis=0) & (height != 0.0)
+    isLeft[upper[isLoaded & isLeaving]] = True
+    isHeld = isStill.copy()
     isTouching = ((placed.gap <= 0.0) & placed.isPoint).any(axis=0) & (height != 0.0)
-    isHeld[upper[isTouching]] = True
+    isHeld[upper[isTouching & ~isLeaving]] = True
     free, found = isLeft & ~isHeld, -1
     while np.count_nonzero(free) > found:
         found = np.count_nonzero(free)
         free[upper[isLoaded & free[lower]]] = True
-    rows = indices(free[lower])
+    rows = indices(free[lower] | (isLeaving & free[upper]))
     manifolds.impulse[:, rows] = manifolds.friction[:, rows] = 0.0
     lift = placed.normal[:, None, rows] * np.maximum(-placed.gap[:, rows], 0.0)
     rotation = take(frames.rotation, placed.second[rows], axis=1)

@@ -311,6 +311,8 @@ def stack_falls(engine, sleeping, count=20, how="moved aside"):
             support.position = np.array([[50.0, 9.0, 0.0]])
         elif how == "let go":
             support.isFixed = False
+        elif how == "thrown down":
+            throw(support, (0, -8, 0))
         else:  # taken out of the list
             world.settings["solverState"].remove(0)
             del world.meshes[0]
