@@ -4,6 +4,7 @@ import numpy as np
 
 from Quaternion import multiply
 from rbs.geometry import vectors
+from rbs.geometry.broadphase import islands, overlapping
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import tangents
 from rbs.geometry.vectors import cross, dot, find_sorted, indices, mat_vec, norm, take, vec_mat
@@ -76,7 +77,24 @@ class Frames:
         """Returns the pairs (2, P) that may meet in the flight, and sets `reach` and `box`.
 
         isStill : (n,), bodies that do not move; tied : see `detect`
+
+        Islands of such bodies that can meet nothing that is fixed move relative to their mean.
         """
+        margin, ways = self._place_boxes(tied), np.concatenate((self.glide, -self.glide))[:, :-1]
+        growth = AHEAD * (margin - np.minimum(ways, 0.0)) + ASIDE * self.hulls.radius
+        near = self.bodies.near_pairs(self.box, isStill, growth)
+        isHeld = self.bodies.isFixed | self.isNearGround
+        island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
+        isFree = (np.bincount(island, isHeld) == 0.0)[island]
+        if isFree[near].any():
+            total = np.array([np.bincount(island, x)[island] for x in self.shift])
+            self.shift -= np.where(isFree, total / np.bincount(island)[island], 0.0)
+            self._place_boxes(tied)
+            near = overlapping(self.box, *near)
+        return near
+
+    def _place_boxes(self, tied):
+        """Sets `reach` and `box` for the present `shift`; returns the margin (n,)."""
         own = np.concatenate((norm(self.shift) + self.spinReach, [0.0]))
         self.tiedReach = np.zeros(self.count + 1)
         # constraints may make a body as fast as the one it is tied to
@@ -86,9 +104,7 @@ class Frames:
         flight = np.concatenate((self.shift, -self.shift))
         self.box = self.bodies.box + np.minimum(flight, 0.0) - margin
         self.isNearGround = self.hasGround & (self.box[1] <= 0.0) & ~self.bodies.isFixed
-        ways = np.concatenate((self.glide, -self.glide))[:, :-1]
-        growth = AHEAD * (margin - np.minimum(ways, 0.0)) + ASIDE * self.hulls.radius
-        return self.bodies.near_pairs(self.box, isStill, growth)
+        return margin
 
     def sizes(self, first, second):
         """Returns the lesser thickness and the lesser radius of the two hulls, (2, P)."""

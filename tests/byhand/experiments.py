@@ -248,17 +248,17 @@ def in_units(engine, mass=1.0, length=1.0, time=1.0, e=0.5, steps=90):
     return np.abs(found[0] - found[1]).max()
 
 
-def in_a_frame(engine, *frame, kinds=(), wall=False, seconds=1.0, **settings):
+def in_a_frame(engine, *frame, kinds=(), wall=False, height=0.0, seconds=1.0, **settings):
     """Largest difference of positions between two frames.
 
     kinds : shapes of bodies that spin, in place of cubes; wall : whether they hit one that moves
     """
-    found, settings = [], FREE | {"mu": 0.4} | settings
+    found, settings, up = [], FREE | {"mu": 0.4} | settings, np.array([0.0, height, 0.0])
     for velocity in np.zeros(3), np.array(frame):
         rng, meshes = np.random.default_rng(1), []
         for k, q in enumerate(random_quaternions(rng, 5)):
-            mesh = box(*rng.normal(size=3) * 1.2, orientation=q)
-            start = -1.5 * mesh.position[0] + 0.3 * rng.normal(size=3)
+            mesh = box(*rng.normal(size=3) * 1.2 + up, orientation=q)
+            start = -1.5 * (mesh.position[0] - up) + 0.3 * rng.normal(size=3)
             if kinds:
                 mesh = body(kinds[k % len(kinds)], mesh.position, q, size=0.25)
             meshes.append(throw(mesh, start + velocity, rng.normal(size=3) if kinds else (0, 0, 0)))
