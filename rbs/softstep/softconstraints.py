@@ -60,22 +60,29 @@ class SoftConstraints:
         # the force, and the masses of links, stay
         self.impulse[:, now], isNew[now] = (ratio * pull[last], lasting[last] / ratio), False
         columns = take(motion.column, bodies)
-        self.movable = indices((motion.invMass[columns] > 0.0).any(axis=0))
+        movable = indices((motion.invMass[columns] > 0.0).any(axis=0))
+        arms = frames.bodies.arms(take(bodies, movable, 1), take(vertices, movable, 1))
+        isJoint = take(key[4:], movable, 1).max(axis=0) <= TOLERANCE * norm(arms).max(axis=0)
+        parts = np.where(isJoint, 3, 1)
+        self.movable, self.share = movable.repeat(parts), (1.0 / parts).repeat(parts)
         self.count, self.visits, self.h = len(self.movable), 0, h
         self.columns = take(columns, self.movable, 1)
         if self.count == 0:
             return
-        bodies, vertices = take(bodies, self.movable, 1), take(vertices, self.movable, 1)
-        self.lower, self.upper = take(key[4:], self.movable, 1)
+        bodies, self.isJoint = take(bodies, self.movable, 1), isJoint.repeat(parts)
+        self.lower, self.upper = np.where(self.isJoint, 0.0, take(key[4:], self.movable, 1))
         self.isRigid = self.lower >= self.upper
+        self.direction = np.zeros((3, self.count))
+        self.direction[:, self.isJoint] = np.tile(np.eye(3), np.count_nonzero(isJoint))
         self._column = self.columns.ravel()
-        self._arms = frames.bodies.arms(bodies, vertices).reshape(3, -1)
+        self._arms = arms.repeat(parts, axis=2).reshape(3, -1)
         self._centres = take(frames.position, bodies.ravel(), axis=1)
         self._reach, radius = norm(self._arms).reshape(2, -1), frames.sizes(*bodies)[1]
         self.pushSpeed = push_speeds(motion, radius)
         isMoving = motion.invMass[self._column] > 0.0
         given = self._column.tobytes(), isMoving.tobytes()
         self.ends, self.rows, self._order, self._bodies, self._which = _paired(*given)
+        self.pulls = self.impulse[0, self.movable]
         self._last, lasting = np.abs(self.impulse[:, self.movable])
         if ratio > 1.0:  # links must bear the pull of a longer substep at once
             lasting = np.maximum(lasting, self._last)
@@ -90,6 +97,8 @@ class SoftConstraints:
         """
         point, self._arm = self._points(motion.shift, motion.turn, self._arms)
         self.length, self._axis = distance_error(*point, 0.0)
+        self._axis = np.where(self.isJoint, self.direction, self._axis)
+        self.length = np.where(self.isJoint, dot(self.direction, point[0] - point[1]), self.length)
         if (pull > self._lasting).any():
             self._lasting = np.maximum(pull, self._lasting)
             self._stiffen(motion)
@@ -99,7 +108,7 @@ class SoftConstraints:
         self.J = np.concatenate((d, rCrossD))
         self.MJ = np.concatenate((take(motion.invMass, self._column) * d, angular))
         diagonal = np.add.reduce(self.J * self.MJ).reshape(2, -1).sum(axis=0)
-        self.scale = 1.0 / np.sqrt(diagonal)
+        self.scale = 1.0 / np.sqrt(self._means(diagonal))
         self.J, self.MJ = (x * np.tile(self.scale, 2) for x in (self.J, self.MJ))
         self.A = np.add.reduce(take(self.J, self.ends[0], 1) * take(self.MJ, self.ends[1], 1))
         self._factors = {}
@@ -109,6 +118,15 @@ class SoftConstraints:
         self.gap = np.where(self.isSlack, self.C, 0.0)
         self.lowest = np.where(isUpper | self.isRigid, -np.inf, 0.0)
         self.highest = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
+
+    def _means(self, x):
+        """Means (K,) over the equations of each constraint."""
+        return np.bincount(self.movable, x * self.share)[self.movable]
+
+    def _sizes(self):
+        """Sizes (K,) of the pulls."""
+        squares = np.bincount(self.movable, self.pulls * self.pulls)
+        return np.sqrt(squares[self.movable])
 
     def _points(self, shift, turn, arms):
         """`((3, K), (3, K))`, both points after displacements of the bodies, and arms (3, 2 K) that
@@ -130,7 +148,7 @@ class SoftConstraints:
         two substeps, unlike a blow's.
         """
         self.impulse[1, self.movable], r = self._lasting, self._reach
-        pull = self.h * self._lasting
+        pull = self.h * self.share * self._lasting
         spring = pull / np.maximum(self.length, r)
         both, count = (spring, (pull + spring * r) * r), len(motion.invMass)
         across, turning = (np.bincount(self._column, x.ravel(), count) for x in both)
@@ -174,7 +192,7 @@ class SoftConstraints:
         """
         v, h = motion.rates(), self.h
         isNear = np.abs(self.gap) <= TOLERANCE * self.length  # a whole chain begins to pull at once
-        isNear |= self.impulse[0, self.movable] != 0.0
+        isNear |= self.pulls != 0.0
         (first, second), _ = self._points(motion.shift + h * v[:3], h * v[3:], self._arm)
         # on the way along the direction d at the start, to the circle of the bound
         way, bound = first - second, self.length - self.gap
@@ -182,8 +200,8 @@ class SoftConstraints:
         excess = size * size - bound * bound
         root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
         error = excess / (h * np.maximum(np.maximum(root, size), TINY))
-        impulse = self._solve(motion, np.zeros(self.count), self.scale * error, isNear)
-        self.impulse[0, self.movable] = impulse
+        error = np.where(self.isJoint, along / h, error)
+        self.pulls = self._solve(motion, np.zeros(self.count), self.scale * error, isNear)
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
         pushed = self._changes(motion, self._answer(self._is_off(), speed, SOFTNESS))
         motion.velocity += pushed
@@ -192,11 +210,11 @@ class SoftConstraints:
     def relax(self, motion, pushed):
         """Drops the pseudo-velocity of `pull`, and stops what still violates the bounds."""
         motion.velocity -= pushed
-        impulse = self.impulse[0, self.movable]
-        before, self._last = self._last, np.abs(impulse)
+        before, self._last = self._last, self._sizes()
         self._update(motion, np.minimum(before, self._last))
         error = self._speeds(motion.rates()) + self.scale * self.gap / self.h
-        self.impulse[0, self.movable] = self._solve(motion, impulse, error, impulse != 0.0)
+        self.pulls = self._solve(motion, self.pulls, error, self.pulls != 0.0)
+        self.impulse[0, self.movable] = self._sizes()
 
     def _solve(self, motion, old, error, isActive):
         """Changes velocities so that no speed exceeds its bound; returns the impulses (K,).
