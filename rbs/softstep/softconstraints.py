@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 from scipy.sparse import csgraph, csr_array
 
-from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
+from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take, vec_mat
 from rbs.softstep.contacts import push_speeds
 from rbs.softstep.manifolds import ROUNDING, TINY
 from rbs.softstep.rows import SWEEPS, TOLERANCE, inverted
@@ -95,7 +95,9 @@ class SoftConstraints:
         """Updates distances, bounds, J, and responses for the present poses, and masses and
         inertias for a `pull` (K,) that has lasted for two substeps.
         """
-        point, self._arm = self._points(motion.shift, motion.turn, self._arms)
+        rotation = self._rotation(motion.turn)
+        self._arm = mat_vec(rotation, self._arms)
+        point = self._points(motion.shift, self._arm)
         self.length, self._axis = distance_error(*point, 0.0)
         self._axis = np.where(self.isJoint, self.direction, self._axis)
         self.length = np.where(self.isJoint, dot(self.direction, point[0] - point[1]), self.length)
@@ -104,7 +106,10 @@ class SoftConstraints:
             self._stiffen(motion)
         d = np.concatenate((self._axis, -self._axis), axis=1)
         rCrossD = cross(self._arm, d)
-        angular = mat_vec(take(motion.invInertia, self._column, axis=1), rCrossD)
+        inverse = take(motion.invInertia, self._column, axis=1)
+        if motion.drift is not None:  # momenta are those of the step's start
+            rotation = np.eye(3).reshape(9, 1)
+        angular = mat_vec(rotation, mat_vec(inverse, vec_mat(rCrossD, rotation)))
         self.J = np.concatenate((d, rCrossD))
         self.MJ = np.concatenate((take(motion.invMass, self._column) * d, angular))
         diagonal = np.add.reduce(self.J * self.MJ).reshape(2, -1).sum(axis=0)
@@ -128,14 +133,15 @@ class SoftConstraints:
         squares = np.bincount(self.movable, self.pulls * self.pulls)
         return np.sqrt(squares[self.movable])
 
-    def _points(self, shift, turn, arms):
-        """`((3, K), (3, K))`, both points after displacements of the bodies, and arms (3, 2 K) that
-        have turned.
-        """
+    def _rotation(self, turn):
+        """Rotation matrices (9, 2 K) of the bodies of all ends; turn : (3, m + 1)"""
         rotation = np.stack(turn_matrix(take(turn, self._bodies, axis=1)))
-        arm = mat_vec(take(rotation, self._which, axis=1), arms)
+        return take(rotation, self._which, axis=1)
+
+    def _points(self, shift, arm):
+        """`((3, K), (3, K))`, both points, with arms (3, 2 K), after displacements of the bodies."""
         point = self._centres + take(shift, self._column, axis=1) + arm
-        return (point[:, : self.count], point[:, self.count :]), arm
+        return point[:, : self.count], point[:, self.count :]
 
     def _stiffen(self, motion):
         """Adds to the masses and inertias of light bodies that strong pulls would move too fast.
@@ -182,30 +188,45 @@ class SoftConstraints:
 
     def _is_off(self):
         """Whether distances (K,) are beyond their bounds."""
-        lever = np.maximum(self.length, self._reach.max(axis=0))
-        return ~self.isSlack & (np.abs(self.C) > TOLERANCE * lever)
+        return ~self.isSlack & (np.abs(self.C) > TOLERANCE * self._levers())
+
+    def _levers(self):
+        return np.maximum(self.length, self._reach.max(axis=0))
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
         force in the middle of the substep, which also keeps points on the circles on which they
         turn. Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
         """
-        v, h = motion.rates(), self.h
+        h = self.h
         isNear = np.abs(self.gap) <= TOLERANCE * self.length  # a whole chain begins to pull at once
         isNear |= self.pulls != 0.0
-        (first, second), _ = self._points(motion.shift + h * v[:3], h * v[3:], self._arm)
-        # on the way along the direction d at the start, to the circle of the bound
-        way, bound = first - second, self.length - self.gap
-        size, along = norm(way), dot(self._axis, way)
-        excess = size * size - bound * bound
-        root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
-        error = excess / (h * np.maximum(np.maximum(root, size), TINY))
-        error = np.where(self.isJoint, along / h, error)
-        self.pulls = self._solve(motion, np.zeros(self.count), self.scale * error, isNear)
+        self.pulls, error = np.zeros(self.count), self._predicted(motion)
+        for _ in range(SWEEPS):
+            self.pulls = self._solve(motion, self.pulls, self.scale * error / h, isNear)
+            isNear, before, error = self.pulls != 0.0, error, self._predicted(motion)
+            sizes = np.abs((error, before)) / self._levers()
+            most, last = sizes[:, isNear].max(axis=1, initial=0.0)
+            if not TOLERANCE < most < 0.5 * last:
+                break
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
         pushed = self._changes(motion, self._answer(self._is_off(), speed, SOFTNESS))
         motion.velocity += pushed
         return pushed
+
+    def _predicted(self, motion):
+        """Errors (K,) after a substep: ways along the directions d at its start to the circles of
+        the bounds.
+        """
+        change = self.h * motion.rates()
+        arm = mat_vec(self._rotation(change[3:]), self._arm)
+        first, second = self._points(motion.shift + change[:3], arm)
+        way, bound = first - second, self.length - self.gap
+        size, along = norm(way), dot(self._axis, way)
+        excess = size * size - bound * bound
+        root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
+        error = excess / np.maximum(np.maximum(root, size), TINY)
+        return np.where(self.isJoint, along, error)
 
     def relax(self, motion, pushed):
         """Drops the pseudo-velocity of `pull`, and stops what still violates the bounds."""

@@ -24,10 +24,11 @@ substeps are longer than the last one's.
 
 import numpy as np
 
-from rbs.geometry.vectors import cross, indices, take
+from Quaternion import exponentials, multiply
+from rbs.geometry.vectors import indices, norm, take
 from rbs.softstep.contacts import SoftContacts, StillContacts
 from rbs.softstep.detection import Frames, detect
-from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
+from rbs.softstep.manifolds import NO_MANIFOLDS, TINY, Manifolds
 from rbs.softstep.rows import inverted
 from rbs.softstep.sleeping import Sleep, beside, connected, wake
 from rbs.softstep.softconstraints import SoftConstraints, changed_ends, constraint_keys
@@ -162,12 +163,14 @@ class Motion:
         """Displacements (6, m + 1) after h seconds with the present velocities.
 
         What constraints pull turns about other axes in each substep, so that rotation vectors do
-        not add up: θ' = ω - θ × ω/2 + θ × (θ × ω)/12 - …, see `torque_free_velocities`.
+        not add up.
         """
         change = h * self.rates()
-        once = cross(self.turn, change[3:])
-        change[3:] -= 0.5 * once - cross(self.turn, once) / 12.0
-        return self.displacement + change
+        halves = (exponentials((0.0, *(0.5 * turn))) for turn in (change[3:], self.turn))
+        cosine, *sines = multiply(*halves)
+        sine = norm(np.array(sines))
+        turn = sines * (2.0 * np.arctan2(sine, cosine) / np.maximum(sine, TINY))
+        return np.concatenate((self.shift + change[:3], turn))
 
     def store(self, bodies):
         """Moves `Bodies` to the end of the step."""
