@@ -23,6 +23,7 @@ from rbs.stepping.kernels import distance_error
 # against each other, bodies move across them by the error over the softness. With less, they
 # tremble; with more, the heavy end of a chain is drawn up more slowly, and the chain gives way.
 SOFTNESS = 0.1
+JOINT = 0.01
 
 
 class SoftConstraints:
@@ -61,24 +62,30 @@ class SoftConstraints:
         self.impulse[:, now], isNew[now] = (ratio * pull[last], lasting[last] / ratio), False
         columns = take(motion.column, bodies)
         movable = indices((motion.invMass[columns] > 0.0).any(axis=0))
-        arms = frames.bodies.arms(take(bodies, movable, 1), take(vertices, movable, 1))
-        isJoint = take(key[4:], movable, 1).max(axis=0) <= TOLERANCE * norm(arms).max(axis=0)
+        bodies, vertices = take(bodies, movable, 1), take(vertices, movable, 1)
+        arms, centres = frames.bodies.arms(bodies, vertices), take(frames.position, bodies, axis=1)
+        bounds, radius = take(key[4:], movable, 1), frames.sizes(*bodies)[1]
+        isJoint = bounds.max(axis=0) <= JOINT * radius
         parts = np.where(isJoint, 3, 1)
         self.movable, self.share = movable.repeat(parts), (1.0 / parts).repeat(parts)
         self.count, self.visits, self.h = len(self.movable), 0, h
-        self.columns = take(columns, self.movable, 1)
+        self.columns, self.isJoint = take(columns, self.movable, 1), isJoint.repeat(parts)
         if self.count == 0:
             return
-        bodies, self.isJoint = take(bodies, self.movable, 1), isJoint.repeat(parts)
-        self.lower, self.upper = np.where(self.isJoint, 0.0, take(key[4:], self.movable, 1))
+        self.lower, self.upper = bounds = bounds.repeat(parts, axis=1)
+        way = np.subtract(*(centres + arms).swapaxes(0, 1))
+        length = norm(way)
+        way *= np.clip(length, *take(key[4:], movable, 1)) / np.maximum(length, TINY)
+        bounds[:, self.isJoint] = way.T[isJoint].ravel()
+        self._axes = np.zeros((3, self.count))
+        self._axes[:, self.isJoint] = np.tile(np.eye(3), np.count_nonzero(isJoint))
         self.isRigid = self.lower >= self.upper
-        self.direction = np.zeros((3, self.count))
-        self.direction[:, self.isJoint] = np.tile(np.eye(3), np.count_nonzero(isJoint))
         self._column = self.columns.ravel()
-        self._arms = arms.repeat(parts, axis=2).reshape(3, -1)
-        self._centres = take(frames.position, bodies.ravel(), axis=1)
-        self._reach, radius = norm(self._arms).reshape(2, -1), frames.sizes(*bodies)[1]
-        self.pushSpeed = push_speeds(motion, radius)
+        self._arms, self._centres = (
+            x.repeat(parts, axis=2).reshape(3, -1) for x in (arms, centres)
+        )
+        self._reach = norm(self._arms).reshape(2, -1)
+        self.pushSpeed = push_speeds(motion, radius.repeat(parts))
         isMoving = motion.invMass[self._column] > 0.0
         given = self._column.tobytes(), isMoving.tobytes()
         self.ends, self.rows, self._order, self._bodies, self._which = _paired(*given)
@@ -99,8 +106,8 @@ class SoftConstraints:
         self._arm = mat_vec(rotation, self._arms)
         point = self._points(motion.shift, self._arm)
         self.length, self._axis = distance_error(*point, 0.0)
-        self._axis = np.where(self.isJoint, self.direction, self._axis)
-        self.length = np.where(self.isJoint, dot(self.direction, point[0] - point[1]), self.length)
+        self._axis = np.where(self.isJoint, self._axes, self._axis)
+        self.length = np.where(self.isJoint, dot(self._axes, point[0] - point[1]), self.length)
         if (pull > self._lasting).any():
             self._lasting = np.maximum(pull, self._lasting)
             self._stiffen(motion)
@@ -226,7 +233,7 @@ class SoftConstraints:
         excess = size * size - bound * bound
         root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
         error = excess / np.maximum(np.maximum(root, size), TINY)
-        return np.where(self.isJoint, along, error)
+        return np.where(self.isJoint, along - bound, error)
 
     def relax(self, motion, pushed):
         """Drops the pseudo-velocity of `pull`, and stops what still violates the bounds."""
