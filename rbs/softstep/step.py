@@ -220,9 +220,9 @@ class SolverState:
 
     def begun(self, bodies):
         """`(state, isBereft)`: a new state in which a step of these bodies begins, and whether each
-        body (n,) touched a removed one. This state does not change.
+        body (n,) touched a removed one, or was tied to it. This state does not change.
 
-        Added bodies are awake and have no contacts. Bodies that touched a removed one wake. Without
+        Added bodies are awake and have no contacts. Those others wake. Without
         `removed`, bodies are taken to be removed from the end of the list.
         """
         count = len(bodies.meshes)
@@ -242,9 +242,13 @@ class SolverState:
             state.pairKey, state.pairAxis = self.pairKey[:0], self.pairAxis[:, :0]
             state.manifolds, touched = self.manifolds.renumbered(number)
             state.sleep = self.sleep.renumbered(bodies, number)
-            isBereft[touched] = True
-            if self.removed:
-                state.constraint, state.constraintImpulse = np.zeros((6, 0)), np.zeros((2, 0))
+            ends = number[self.constraint[0:4:2].astype(np.intp)]
+            isKept = (ends >= 0).all(axis=0)
+            left = ends[:, ~isKept]
+            isBereft[touched] = isBereft[left[left >= 0]] = True
+            state.constraint = self.constraint[:, isKept]
+            state.constraint[0:4:2] = ends[:, isKept]
+            state.constraintImpulse = self.constraintImpulse[:, isKept]
         state.count = count
         return state, isBereft
 
@@ -260,8 +264,7 @@ class SolverState:
         isOther = not np.array_equal(self.surroundings, last) or ratio != 1.0
         isChanged = (bodies.state[:, :-1] != self.sleep.state).any(axis=0)
         isStirred = isChanged | bodies.isDriven | isOther
-        ends = changed_ends(constraint, self.constraint)
-        isStirred[ends[ends < self.count]] = True
+        isStirred[changed_ends(constraint, self.constraint)] = True
         isFree = ~bodies.isFixed
         if tied.size:  # what is tied to such a body wakes with it
             isStirred |= connected((isStirred | beside(isStirred, tied)) & isFree, isFree, tied)
