@@ -207,13 +207,13 @@ class SoftConstraints:
         """
         h = self.h
         isNear = np.abs(self.gap) <= TOLERANCE * self.length  # a whole chain begins to pull at once
-        isNear |= self.pulls != 0.0
+        isPulling = self.pulls != 0.0
         self.pulls, error = np.zeros(self.count), self._predicted(motion)
         for _ in range(SWEEPS):
-            self.pulls = self._solve(motion, self.pulls, self.scale * error / h, isNear)
-            isNear, before, error = self.pulls != 0.0, error, self._predicted(motion)
+            self.pulls = self._solve(motion, self.pulls, self.scale * error / h, isPulling, isNear)
+            isPulling, before, error = self.pulls != 0.0, error, self._predicted(motion)
             sizes = np.abs((error, before)) / self._levers()
-            most, last = sizes[:, isNear].max(axis=1, initial=0.0)
+            most, last = sizes[:, isPulling].max(axis=1, initial=0.0)
             if not TOLERANCE < most < 0.5 * last:
                 break
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
@@ -244,7 +244,7 @@ class SoftConstraints:
         self.pulls = self._solve(motion, self.pulls, error, self.pulls != 0.0)
         self.impulse[0, self.movable] = self._sizes()
 
-    def _solve(self, motion, old, error, isActive):
+    def _solve(self, motion, old, error, isActive, isNear=False):
         """Changes velocities so that no speed exceeds its bound; returns the impulses (K,).
 
         old : (K,), impulses so far; error : (K,), by how much scaled speeds exceed their bounds
@@ -270,7 +270,8 @@ class SoftConstraints:
                 isMissing &= np.abs(left) > least
             if not (isWrong | isMissing).any():
                 break
-            isActive = (isActive & ~isWrong) | isMissing
+            isActive = (isActive & ~isWrong) | isMissing | (isNear & isMissing.any())
+            isNear = False
         motion.velocity += self._changes(motion, wanted - old) if isWrong.any() else velocity
         return wanted * self.scale
 
