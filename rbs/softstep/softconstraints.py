@@ -23,11 +23,13 @@ from rbs.stepping.kernels import distance_error
 # against each other, bodies move across them by the error over the softness. With less, they
 # tremble; with more, the heavy end of a chain is drawn up more slowly, and the chain gives way.
 SOFTNESS = 0.1
+# Greatest length of a joint, as a fraction of the lesser radius. With less, pulls turn short bars
+# by radians in a substep, which takes energy; with more, the directions that joints keep show.
 JOINT = 0.01
 
 
 class SoftConstraints:
-    """R pairs of points with a bounded distance L, lower ≤ L ≤ upper, of which K can move.
+    """R pairs of points with a bounded distance L, lower ≤ L ≤ upper, with K equations.
 
     With d the unit vector of p1 - p2, the distance changes by
 
@@ -36,15 +38,19 @@ class SoftConstraints:
     An impulse λ along d on the first body, and against it on the second, enforces the bounds. It
     pulls, λ ≤ 0, at the upper bound and pushes, λ ≥ 0, at the lower one, whichever is nearer or
     more violated. If no distance is between them, λ may have either sign. Impulses λ change the
-    speeds by A λ = J M⁻¹ Jᵀ λ. J is scaled so that A is 1 on its diagonal.
+    speeds by A λ = J M⁻¹ Jᵀ λ. J is scaled so that A is 1 on its diagonal, on average over a pair.
+
+    Where L can only be about 0, d is undefined, or turns by radians in a substep. Such a pair is a
+    ball joint: in a step, it keeps the vector p1 - p2, by three equations along fixed axes d.
 
     key : (6, R), body, vertex, body, vertex, lower, upper
     impulse : (2, R), of a substep, and the greatest that has lasted for two, which gives links the
         mass that they keep if the time step changes
-    movable : (K,), those that can move; all that follows is of these
+    movable : (K,), the pair of each equation, of those that can move; all that follows is of these
+    share : (K,), 1, and a third in joints; pulls : (K,), impulses of the present substep
     visits : number of rows of all systems of equations that the step has factored
     columns : (2, K), of `Motion`; scale : (K,), of J, and by which scaled impulses are multiplied
-    ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the constraints that have them
+    ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the equations that have them
     """
 
     def __init__(self, key, frames, motion, kept, h, ratio):
@@ -72,18 +78,17 @@ class SoftConstraints:
         self.columns, self.isJoint = take(columns, self.movable, 1), isJoint.repeat(parts)
         if self.count == 0:
             return
-        self.lower, self.upper = bounds = bounds.repeat(parts, axis=1)
         way = np.subtract(*(centres + arms).swapaxes(0, 1))
         length = norm(way)
-        way *= np.clip(length, *take(key[4:], movable, 1)) / np.maximum(length, TINY)
+        way *= np.clip(length, *bounds) / np.maximum(length, TINY)
+        self.lower, self.upper = bounds = bounds.repeat(parts, axis=1)
         bounds[:, self.isJoint] = way.T[isJoint].ravel()
         self._axes = np.zeros((3, self.count))
         self._axes[:, self.isJoint] = np.tile(np.eye(3), np.count_nonzero(isJoint))
         self.isRigid = self.lower >= self.upper
         self._column = self.columns.ravel()
-        self._arms, self._centres = (
-            x.repeat(parts, axis=2).reshape(3, -1) for x in (arms, centres)
-        )
+        self._arms = arms.repeat(parts, axis=2).reshape(3, -1)
+        self._centres = centres.repeat(parts, axis=2).reshape(3, -1)
         self._reach = norm(self._arms).reshape(2, -1)
         self.pushSpeed = push_speeds(motion, radius.repeat(parts))
         isMoving = motion.invMass[self._column] > 0.0
@@ -105,16 +110,15 @@ class SoftConstraints:
         rotation = self._rotation(motion.turn)
         self._arm = mat_vec(rotation, self._arms)
         point = self._points(motion.shift, self._arm)
-        self.length, self._axis = distance_error(*point, 0.0)
-        self._axis = np.where(self.isJoint, self._axes, self._axis)
-        self.length = np.where(self.isJoint, dot(self._axes, point[0] - point[1]), self.length)
+        self._axis = np.where(self.isJoint, self._axes, distance_error(*point, 0.0)[1])
+        self.length = dot(self._axis, point[0] - point[1])
         if (pull > self._lasting).any():
             self._lasting = np.maximum(pull, self._lasting)
             self._stiffen(motion)
         d = np.concatenate((self._axis, -self._axis), axis=1)
         rCrossD = cross(self._arm, d)
         inverse = take(motion.invInertia, self._column, axis=1)
-        if motion.drift is not None:  # momenta are those of the step's start
+        if motion.drift is not None:  # velocities stand for momenta, as inertias were at the start
             rotation = np.eye(3).reshape(9, 1)
         angular = mat_vec(rotation, mat_vec(inverse, vec_mat(rCrossD, rotation)))
         self.J = np.concatenate((d, rCrossD))
@@ -132,13 +136,12 @@ class SoftConstraints:
         self.highest = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
 
     def _means(self, x):
-        """Means (K,) over the equations of each constraint."""
-        return np.bincount(self.movable, x * self.share)[self.movable]
+        """Means (K,) over the equations of each pair."""
+        return np.bincount(self.movable, self.share * x)[self.movable]
 
     def _sizes(self):
-        """Sizes (K,) of the pulls."""
-        squares = np.bincount(self.movable, self.pulls * self.pulls)
-        return np.sqrt(squares[self.movable])
+        """Sizes (K,) of the pulls, of all equations of a pair together."""
+        return np.sqrt(self._means(self.pulls**2) / self.share)
 
     def _rotation(self, turn):
         """Rotation matrices (9, 2 K) of the bodies of all ends; turn : (3, m + 1)"""
@@ -146,7 +149,7 @@ class SoftConstraints:
         return take(rotation, self._which, axis=1)
 
     def _points(self, shift, arm):
-        """`((3, K), (3, K))`, both points, with arms (3, 2 K), after displacements of the bodies."""
+        """`((3, K), (3, K))`, both points after bodies were displaced; arm : (3, 2 K)"""
         point = self._centres + take(shift, self._column, axis=1) + arm
         return point[:, : self.count], point[:, self.count :]
 
@@ -203,10 +206,10 @@ class SoftConstraints:
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
         force in the middle of the substep, which also keeps points on the circles on which they
-        turn. Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
+        turn. Solves again while that halves the errors, as where links turn fast.
+        Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
         """
-        h = self.h
-        isNear = np.abs(self.gap) <= TOLERANCE * self.length  # a whole chain begins to pull at once
+        h, isNear = self.h, np.abs(self.gap) <= TOLERANCE * self.length
         isPulling = self.pulls != 0.0
         self.pulls, error = np.zeros(self.count), self._predicted(motion)
         for _ in range(SWEEPS):
@@ -222,8 +225,8 @@ class SoftConstraints:
         return pushed
 
     def _predicted(self, motion):
-        """Errors (K,) after a substep: ways along the directions d at its start to the circles of
-        the bounds.
+        """Errors (K,) at the end of the substep, along the directions d at its start: to the circle
+        of the distance or, from a gap, of the bound.
         """
         change = self.h * motion.rates()
         arm = mat_vec(self._rotation(change[3:]), self._arm)
@@ -248,7 +251,8 @@ class SoftConstraints:
         """Changes velocities so that no speed exceeds its bound; returns the impulses (K,).
 
         old : (K,), impulses so far; error : (K,), by how much scaled speeds exceed their bounds
-        isActive : (K,), constraints that are tried first
+        isActive, isNear : (K,), constraints that are tried first, and once one is missing: a whole
+            chain begins to pull at once
 
         Active constraints are equations. Those whose impulse would have the wrong sign leave, and
         those whose bound would be exceeded join in, until there are none.

@@ -121,7 +121,7 @@ class Motion:
     shift, turn : (3, m + 1), sums of v h and of ω h, so that orientations become exp(turn/2) ∘ q,
         see also `after`; displacement : (6, m + 1), both
     invMass : (m + 1,); invInertia : (9, m + 1); inverse : (10, m + 1), both
-    inertia : (9, m), to which constraints add none, see `SoftConstraints`
+    inertia : (9, m), to which constraints add none, see `SoftConstraints`; of the start, as are all
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
     drift : (3, m + 1), mean angular velocities of free flight less those at its start, or None.
         Bodies turn by the former, while impulses change the latter, and angular momenta last
@@ -222,8 +222,8 @@ class SolverState:
         """`(state, isBereft)`: a new state in which a step of these bodies begins, and whether each
         body (n,) touched a removed one, or was tied to it. This state does not change.
 
-        Added bodies are awake and have no contacts. Those others wake. Without
-        `removed`, bodies are taken to be removed from the end of the list.
+        Added bodies are awake and have no contacts, and those others wake. Without `removed`,
+        bodies are taken to be removed from the end of the list.
         """
         count = len(bodies.meshes)
         isBereft = np.zeros(count, dtype=bool)
