@@ -137,7 +137,7 @@ class SoftConstraints:
 
     def _means(self, x):
         """Means (K,) over the equations of each pair."""
-        return np.bincount(self.movable, self.share * x)[self.movable]
+        return np.bincount(self.movable, self.share * x)[self.movable] if self.isJoint.any() else x
 
     def _sizes(self):
         """Sizes (K,) of the pulls, of all equations of a pair together."""
