@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 from scipy.sparse import csgraph, csr_array
 
-from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
+from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take, vec_mat
 from rbs.softstep.contacts import push_speeds
 from rbs.softstep.manifolds import ROUNDING, TINY
 from rbs.softstep.rows import SWEEPS, TOLERANCE, inverted
@@ -23,10 +23,13 @@ from rbs.stepping.kernels import distance_error
 # against each other, bodies move across them by the error over the softness. With less, they
 # tremble; with more, the heavy end of a chain is drawn up more slowly, and the chain gives way.
 SOFTNESS = 0.1
+# Greatest length of a joint, as a fraction of the lesser radius. With less, pulls turn short bars
+# by radians in a substep, which takes energy; with more, the directions that joints keep show.
+JOINT = 0.01
 
 
 class SoftConstraints:
-    """R pairs of points with a bounded distance L, lower ≤ L ≤ upper, of which K can move.
+    """R pairs of points with a bounded distance L, lower ≤ L ≤ upper, with K equations.
 
     With d the unit vector of p1 - p2, the distance changes by
 
@@ -35,15 +38,19 @@ class SoftConstraints:
     An impulse λ along d on the first body, and against it on the second, enforces the bounds. It
     pulls, λ ≤ 0, at the upper bound and pushes, λ ≥ 0, at the lower one, whichever is nearer or
     more violated. If no distance is between them, λ may have either sign. Impulses λ change the
-    speeds by A λ = J M⁻¹ Jᵀ λ. J is scaled so that A is 1 on its diagonal.
+    speeds by A λ = J M⁻¹ Jᵀ λ. J is scaled so that A is 1 on its diagonal, on average over a pair.
+
+    Where L can only be about 0, d is undefined, or turns by radians in a substep. Such a pair is a
+    ball joint: in a step, it keeps the vector p1 - p2, by three equations along fixed axes d.
 
     key : (6, R), body, vertex, body, vertex, lower, upper
     impulse : (2, R), of a substep, and the greatest that has lasted for two, which gives links the
         mass that they keep if the time step changes
-    movable : (K,), those that can move; all that follows is of these
+    movable : (K,), the pair of each equation, of those that can move; all that follows is of these
+    share : (K,), 1, and a third in joints; pulls : (K,), impulses of the present substep
     visits : number of rows of all systems of equations that the step has factored
     columns : (2, K), of `Motion`; scale : (K,), of J, and by which scaled impulses are multiplied
-    ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the constraints that have them
+    ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the equations that have them
     """
 
     def __init__(self, key, frames, motion, kept, h, ratio):
@@ -60,22 +67,34 @@ class SoftConstraints:
         # the force, and the masses of links, stay
         self.impulse[:, now], isNew[now] = (ratio * pull[last], lasting[last] / ratio), False
         columns = take(motion.column, bodies)
-        self.movable = indices((motion.invMass[columns] > 0.0).any(axis=0))
+        movable = indices((motion.invMass[columns] > 0.0).any(axis=0))
+        bodies, vertices = take(bodies, movable, 1), take(vertices, movable, 1)
+        arms, centres = frames.bodies.arms(bodies, vertices), take(frames.position, bodies, axis=1)
+        bounds, radius = take(key[4:], movable, 1), frames.sizes(*bodies)[1]
+        isJoint = bounds.max(axis=0) <= JOINT * radius
+        parts = np.where(isJoint, 3, 1)
+        self.movable, self.share = movable.repeat(parts), (1.0 / parts).repeat(parts)
         self.count, self.visits, self.h = len(self.movable), 0, h
-        self.columns = take(columns, self.movable, 1)
+        self.columns, self.isJoint = take(columns, self.movable, 1), isJoint.repeat(parts)
         if self.count == 0:
             return
-        bodies, vertices = take(bodies, self.movable, 1), take(vertices, self.movable, 1)
-        self.lower, self.upper = take(key[4:], self.movable, 1)
+        way = np.subtract(*(centres + arms).swapaxes(0, 1))
+        length = norm(way)
+        way *= np.clip(length, *bounds) / np.maximum(length, TINY)
+        self.lower, self.upper = bounds = bounds.repeat(parts, axis=1)
+        bounds[:, self.isJoint] = way.T[isJoint].ravel()
+        self._axes = np.zeros((3, self.count))
+        self._axes[:, self.isJoint] = np.tile(np.eye(3), np.count_nonzero(isJoint))
         self.isRigid = self.lower >= self.upper
         self._column = self.columns.ravel()
-        self._arms = frames.bodies.arms(bodies, vertices).reshape(3, -1)
-        self._centres = take(frames.position, bodies.ravel(), axis=1)
-        self._reach, radius = norm(self._arms).reshape(2, -1), frames.sizes(*bodies)[1]
-        self.pushSpeed = push_speeds(motion, radius)
+        self._arms = arms.repeat(parts, axis=2).reshape(3, -1)
+        self._centres = centres.repeat(parts, axis=2).reshape(3, -1)
+        self._reach = norm(self._arms).reshape(2, -1)
+        self.pushSpeed = push_speeds(motion, radius.repeat(parts))
         isMoving = motion.invMass[self._column] > 0.0
         given = self._column.tobytes(), isMoving.tobytes()
         self.ends, self.rows, self._order, self._bodies, self._which = _paired(*given)
+        self.pulls = self.impulse[0, self.movable]
         self._last, lasting = np.abs(self.impulse[:, self.movable])
         if ratio > 1.0:  # links must bear the pull of a longer substep at once
             lasting = np.maximum(lasting, self._last)
@@ -88,18 +107,24 @@ class SoftConstraints:
         """Updates distances, bounds, J, and responses for the present poses, and masses and
         inertias for a `pull` (K,) that has lasted for two substeps.
         """
-        point, self._arm = self._points(motion.shift, motion.turn, self._arms)
-        self.length, self._axis = distance_error(*point, 0.0)
+        rotation = self._rotation(motion.turn)
+        self._arm = mat_vec(rotation, self._arms)
+        point = self._points(motion.shift, self._arm)
+        self._axis = np.where(self.isJoint, self._axes, distance_error(*point, 0.0)[1])
+        self.length = dot(self._axis, point[0] - point[1])
         if (pull > self._lasting).any():
             self._lasting = np.maximum(pull, self._lasting)
             self._stiffen(motion)
         d = np.concatenate((self._axis, -self._axis), axis=1)
         rCrossD = cross(self._arm, d)
-        angular = mat_vec(take(motion.invInertia, self._column, axis=1), rCrossD)
+        inverse = take(motion.invInertia, self._column, axis=1)
+        if motion.drift is not None:  # velocities stand for momenta, as inertias were at the start
+            rotation = np.eye(3).reshape(9, 1)
+        angular = mat_vec(rotation, mat_vec(inverse, vec_mat(rCrossD, rotation)))
         self.J = np.concatenate((d, rCrossD))
         self.MJ = np.concatenate((take(motion.invMass, self._column) * d, angular))
         diagonal = np.add.reduce(self.J * self.MJ).reshape(2, -1).sum(axis=0)
-        self.scale = 1.0 / np.sqrt(diagonal)
+        self.scale = 1.0 / np.sqrt(self._means(diagonal))
         self.J, self.MJ = (x * np.tile(self.scale, 2) for x in (self.J, self.MJ))
         self.A = np.add.reduce(take(self.J, self.ends[0], 1) * take(self.MJ, self.ends[1], 1))
         self._factors = {}
@@ -110,14 +135,23 @@ class SoftConstraints:
         self.lowest = np.where(isUpper | self.isRigid, -np.inf, 0.0)
         self.highest = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
 
-    def _points(self, shift, turn, arms):
-        """`((3, K), (3, K))`, both points after displacements of the bodies, and arms (3, 2 K) that
-        have turned.
-        """
+    def _means(self, x):
+        """Means (K,) over the equations of each pair."""
+        return np.bincount(self.movable, self.share * x)[self.movable] if self.isJoint.any() else x
+
+    def _sizes(self):
+        """Sizes (K,) of the pulls, of all equations of a pair together."""
+        return np.sqrt(self._means(self.pulls**2) / self.share)
+
+    def _rotation(self, turn):
+        """Rotation matrices (9, 2 K) of the bodies of all ends; turn : (3, m + 1)"""
         rotation = np.stack(turn_matrix(take(turn, self._bodies, axis=1)))
-        arm = mat_vec(take(rotation, self._which, axis=1), arms)
+        return take(rotation, self._which, axis=1)
+
+    def _points(self, shift, arm):
+        """`((3, K), (3, K))`, both points after bodies were displaced; arm : (3, 2 K)"""
         point = self._centres + take(shift, self._column, axis=1) + arm
-        return (point[:, : self.count], point[:, self.count :]), arm
+        return point[:, : self.count], point[:, self.count :]
 
     def _stiffen(self, motion):
         """Adds to the masses and inertias of light bodies that strong pulls would move too fast.
@@ -130,7 +164,7 @@ class SoftConstraints:
         two substeps, unlike a blow's.
         """
         self.impulse[1, self.movable], r = self._lasting, self._reach
-        pull = self.h * self._lasting
+        pull = self.h * self.share * self._lasting
         spring = pull / np.maximum(self.length, r)
         both, count = (spring, (pull + spring * r) * r), len(motion.invMass)
         across, turning = (np.bincount(self._column, x.ravel(), count) for x in both)
@@ -164,45 +198,61 @@ class SoftConstraints:
 
     def _is_off(self):
         """Whether distances (K,) are beyond their bounds."""
-        lever = np.maximum(self.length, self._reach.max(axis=0))
-        return ~self.isSlack & (np.abs(self.C) > TOLERANCE * lever)
+        return ~self.isSlack & (np.abs(self.C) > TOLERANCE * self._levers())
+
+    def _levers(self):
+        return np.maximum(self.length, self._reach.max(axis=0))
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
         force in the middle of the substep, which also keeps points on the circles on which they
-        turn. Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
+        turn. Solves again while that halves the errors, as where links turn fast.
+        Adds, and returns, the pseudo-velocity (6, m + 1) that pushes them to their bounds.
         """
-        v, h = motion.rates(), self.h
-        isNear = np.abs(self.gap) <= TOLERANCE * self.length  # a whole chain begins to pull at once
-        isNear |= self.impulse[0, self.movable] != 0.0
-        (first, second), _ = self._points(motion.shift + h * v[:3], h * v[3:], self._arm)
-        # on the way along the direction d at the start, to the circle of the bound
-        way, bound = first - second, self.length - self.gap
-        size, along = norm(way), dot(self._axis, way)
-        excess = size * size - bound * bound
-        root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
-        error = excess / (h * np.maximum(np.maximum(root, size), TINY))
-        impulse = self._solve(motion, np.zeros(self.count), self.scale * error, isNear)
-        self.impulse[0, self.movable] = impulse
+        h, isNear = self.h, np.abs(self.gap) <= TOLERANCE * self.length
+        isPulling = self.pulls != 0.0
+        self.pulls, error = np.zeros(self.count), self._predicted(motion)
+        for _ in range(SWEEPS):
+            self.pulls = self._solve(motion, self.pulls, self.scale * error / h, isPulling, isNear)
+            isPulling, before, error = self.pulls != 0.0, error, self._predicted(motion)
+            sizes = np.abs((error, before)) / self._levers()
+            most, last = sizes[:, isPulling].max(axis=1, initial=0.0)
+            if not TOLERANCE < most < 0.5 * last:
+                break
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
         pushed = self._changes(motion, self._answer(self._is_off(), speed, SOFTNESS))
         motion.velocity += pushed
         return pushed
 
+    def _predicted(self, motion):
+        """Errors (K,) at the end of the substep, along the directions d at its start: to the circle
+        of the distance or, from a gap, of the bound.
+        """
+        change = self.h * motion.rates()
+        arm = mat_vec(self._rotation(change[3:]), self._arm)
+        first, second = self._points(motion.shift + change[:3], arm)
+        way, bound = first - second, self.length - self.gap
+        size, along = norm(way), dot(self._axis, way)
+        excess = size * size - bound * bound
+        root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
+        error = excess / np.maximum(np.maximum(root, size), TINY)
+        return np.where(self.isJoint, along - bound, error)
+
     def relax(self, motion, pushed):
         """Drops the pseudo-velocity of `pull`, and stops what still violates the bounds."""
         motion.velocity -= pushed
-        impulse = self.impulse[0, self.movable]
-        before, self._last = self._last, np.abs(impulse)
+        before, self._last = self._last, self._sizes()
         self._update(motion, np.minimum(before, self._last))
         error = self._speeds(motion.rates()) + self.scale * self.gap / self.h
-        self.impulse[0, self.movable] = self._solve(motion, impulse, error, impulse != 0.0)
+        self.pulls = self._solve(motion, self.pulls, error, self.pulls != 0.0)
+        self.impulse[0, self.movable] = self._sizes()
 
-    def _solve(self, motion, old, error, isActive):
+    def _solve(self, motion, old, error, isActive, isNear=False):
         """Changes velocities so that no speed exceeds its bound; returns the impulses (K,).
 
         old : (K,), impulses so far; error : (K,), by how much scaled speeds exceed their bounds
-        isActive : (K,), constraints that are tried first
+        isActive, isNear : (K,), constraints that are tried first, and once one is missing: a whole
+            chain begins to pull at once
 
         Active constraints are equations. Those whose impulse would have the wrong sign leave, and
         those whose bound would be exceeded join in, until there are none.
@@ -224,7 +274,8 @@ class SoftConstraints:
                 isMissing &= np.abs(left) > least
             if not (isWrong | isMissing).any():
                 break
-            isActive = (isActive & ~isWrong) | isMissing
+            isActive = (isActive & ~isWrong) | isMissing | (isNear & isMissing.any())
+            isNear = False
         motion.velocity += self._changes(motion, wanted - old) if isWrong.any() else velocity
         return wanted * self.scale
 

@@ -24,10 +24,11 @@ substeps are longer than the last one's.
 
 import numpy as np
 
-from rbs.geometry.vectors import cross, indices, take
+from Quaternion import exponentials, multiply
+from rbs.geometry.vectors import indices, norm, take
 from rbs.softstep.contacts import SoftContacts, StillContacts
 from rbs.softstep.detection import Frames, detect
-from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
+from rbs.softstep.manifolds import NO_MANIFOLDS, TINY, Manifolds
 from rbs.softstep.rows import inverted
 from rbs.softstep.sleeping import Sleep, beside, connected, wake
 from rbs.softstep.softconstraints import SoftConstraints, changed_ends, constraint_keys
@@ -118,7 +119,7 @@ class Motion:
     shift, turn : (3, m + 1), sums of v h and of ω h, so that orientations become exp(turn/2) ∘ q,
         see also `after`; displacement : (6, m + 1), both
     invMass : (m + 1,); invInertia : (9, m + 1); inverse : (10, m + 1), both
-    inertia : (9, m), to which constraints add none, see `SoftConstraints`
+    inertia : (9, m), to which constraints add none, see `SoftConstraints`; of the start, as are all
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
     drift : (3, m + 1), mean angular velocities of free flight less those at its start, or None.
         Bodies turn by the former, while impulses change the latter, and angular momenta last
@@ -160,12 +161,14 @@ class Motion:
         """Displacements (6, m + 1) after h seconds with the present velocities.
 
         What constraints pull turns about other axes in each substep, so that rotation vectors do
-        not add up: θ' = ω - θ × ω/2 + θ × (θ × ω)/12 - …, see `torque_free_velocities`.
+        not add up.
         """
         change = h * self.rates()
-        once = cross(self.turn, change[3:])
-        change[3:] -= 0.5 * once - cross(self.turn, once) / 12.0
-        return self.displacement + change
+        halves = (exponentials((0.0, *(0.5 * turn))) for turn in (change[3:], self.turn))
+        cosine, *sines = multiply(*halves)
+        sine = norm(np.array(sines))
+        turn = sines * (2.0 * np.arctan2(sine, cosine) / np.maximum(sine, TINY))
+        return np.concatenate((self.shift + change[:3], turn))
 
     def store(self, bodies):
         """Moves `Bodies` to the end of the step."""
@@ -214,7 +217,8 @@ class SolverState:
         self.substep, self.removed, self.rest = 0.0, (), None
 
     def renumber(self, bodies):
-        """Takes up the bodies of a step. Returns which (n,) touched a removed one.
+        """Takes up the bodies of a step. Returns which (n,) touched a removed one, or were tied to
+        it; they wake.
 
         Added bodies are awake and have no contacts. Without `removed`, bodies are taken to be
         removed from the end of the list.
@@ -233,9 +237,13 @@ class SolverState:
             self.pairKey, self.pairAxis = self.pairKey[:0], self.pairAxis[:, :0]
             self.manifolds, touched = self.manifolds.renumbered(number)
             self.sleep = self.sleep.renumbered(bodies, number)
-            isBereft[touched] = True
-            if self.removed:
-                self.constraint, self.constraintImpulse = np.zeros((6, 0)), np.zeros((2, 0))
+            ends = number[self.constraint[0:4:2].astype(np.intp)]
+            isKept = (ends >= 0).all(axis=0)
+            left = ends[:, ~isKept]
+            isBereft[touched] = isBereft[left[left >= 0]] = True
+            self.constraint = self.constraint[:, isKept]
+            self.constraint[0:4:2] = ends[:, isKept]
+            self.constraintImpulse = self.constraintImpulse[:, isKept]
         self.count, self.removed = count, ()
         return isBereft
 
@@ -251,8 +259,7 @@ class SolverState:
         isOther = not np.array_equal(self.surroundings, last) or ratio != 1.0
         isChanged = (bodies.state[:, :-1] != self.sleep.state).any(axis=0)
         isStirred = isChanged | bodies.isDriven | isOther
-        ends = changed_ends(constraint, self.constraint)
-        isStirred[ends[ends < self.count]] = True
+        isStirred[changed_ends(constraint, self.constraint)] = True
         isFree = ~bodies.isFixed
         if tied.size:  # what is tied to such a body wakes with it
             isStirred |= connected((isStirred | beside(isStirred, tied)) & isFree, isFree, tied)

@@ -224,7 +224,7 @@ def test_a_body_that_is_pulled_hard_stops_at_a_wall():
 
 def test_bars_hold_a_body_as_thin_as_a_needle():
     """Rounding makes the equations of its bars indefinite."""
-    turn = random_quaternions(np.random.default_rng(3), 1)[0]
+    turn = random_quaternions(np.random.default_rng(1), 1)[0]
     meshes, bars = [box_body(1.0, 1e-6, 1e-6, (0, 10, 0), orientation=turn)], []
     for k, way in itertools.product(range(8), (*np.eye(3), *-np.eye(3))):
         tip = meshes[0].currVertices[k]
