@@ -259,8 +259,11 @@ def contact_rows(placed, bodies, inverse, frames, motion, mu):
 
     bodies : (2, N), of all manifolds, also between sleepers; inverse : (10, n + 1), of all bodies
     """
-    # What sleeps takes part as if it were awake: otherwise, springs on it would be stiffer.
+    # What sleeps takes part in the soft step's springs as if it were awake, but is not lighter
+    # than what touches it. Otherwise, springs on it would be stiffer, and jam what is between.
     ends, masses = placed.ends, take(split_masses(bodies, inverse), placed.rows, 2)
+    most = masses[0, ::-1] / np.maximum(masses[0], TINY)
+    masses *= np.where(motion.invMass[ends] == 0.0, np.minimum(most, 1.0), 1.0)
     isPoint, n = 1.0 * placed.isPoint, placed.normal
     weight = isPoint / np.maximum(np.add.reduce(isPoint), 1.0)
     middle = np.add.reduce(weight * placed.arm, axis=1)
