@@ -25,7 +25,10 @@ def deferring(frames, ends, normal, asked):
     takes over its normal, and one for which supports cross has no contact.
 
     ends : (2, C), bodies; the ground is body n. normal : (3, C), unit, from the first to the second
-    asked : slice of the K of these that may defer; of several supports, one counts
+    asked : slice of the K of these that may defer
+
+    A contact that may itself do so is no support. Of several, that along which the two approach
+    least counts.
     """
     (first, second), count, hulls = ends, len(normal[0]), frames.hulls
     isAsked = np.zeros(frames.count + 1, dtype=bool)
@@ -63,23 +66,27 @@ def deferring(frames, ends, normal, asked):
     some, isContact = indices(height <= slack - extent), np.ones(count, dtype=bool)
     if len(some) == 0:
         return normal, isContact
-    row, j, height, slack = (take(x, some) for x in (row, j, height, slack))
+    row, contact, j, height, slack = (take(x, some) for x in (row, contact, j, height, slack))
     m = take(m, some, axis=1)
     # seen along a normal that leans as much, so that a slab that tilts does not rise
     away = slant * take(normal, row % count, axis=1) * np.where(row < count, 1.0, -1.0)
     directions = np.concatenate((away, away - m), axis=1)
     nearest, farthest = supports(hulls, np.concatenate((j, j)), directions)[0].reshape(2, -1)
     some = indices(height + nearest - farthest <= slack)
-    row = take(row, some)
+    row, contact = take(row, some), take(contact, some)
     m = take(m, some, axis=1) * np.where(row < count, -1.0, 1.0)
     row %= count
     isOther = dot(m, take(normal, row, axis=1)) < 1.0 - FLUSH
-    order = row.argsort(kind="stable")
-    row, isOther, m = row[order], isOther[order], take(m, order, axis=1)
-    isFirst = np.diff(row, prepend=-1) > 0
-    first = indices(isFirst)
-    isCrossed = dot(m, take(m, first[isFirst.cumsum() - 1], axis=1)) < slant
-    isContact[row[isCrossed]] = False
-    first, normal = first[isOther[first]], normal.copy()
-    normal[:, row[first]] = take(m, first, axis=1)
+    isFirm = np.ones(len(ends[0]), dtype=bool)
+    isFirm[asked][row[isOther]] = False
+    approach = take(frames.glide, first, axis=1) - take(frames.glide, second, axis=1)
+    closing = np.maximum(dot(m, take(approach, row, axis=1)), 0.0)
+    order = np.lexsort((closing, row))
+    order = order[isFirm[contact[order]]]
+    isBest = np.diff(row[order], prepend=-1) > 0
+    best = order[isBest]
+    isCrossed = dot(take(m, order, axis=1), take(m, best[isBest.cumsum() - 1], axis=1)) < slant
+    isContact[row[order[isCrossed]]] = False
+    best, normal = best[isOther[best]], normal.copy()
+    normal[:, row[best]] = take(m, best, axis=1)
     return normal, isContact
