@@ -194,6 +194,18 @@ def overlapping(engine, counts):
     return top_speed(meshes), kinetic(meshes)
 
 
+def tangle(engine, count):
+    """Largest speed of hulls of random corners that lie in each other on the ground."""
+    rng = np.random.default_rng(5)
+    corners, places = (
+        rng.normal(size=(count, 12, 3)),
+        rng.uniform((-2, 2, -2), (2, 6, 2), (count, 3)),
+    )
+    meshes = [shapes.convex_hull(c, 1.0, x) for c, x in zip(corners, places, strict=True)]
+    run(engine, meshes, 0.6)
+    return (top_speed(meshes),)
+
+
 def gas(engine, shape, count=60, seconds=24.0, spin=0.0, densities=(1.0,)):
     """Energy left, and the greatest, of bodies that fly about in a closed box with e = 1.
 
