@@ -214,15 +214,21 @@ class SoftConstraints:
         self.pulls, error = np.zeros(self.count), self._predicted(motion)
         for _ in range(SWEEPS):
             self.pulls = self._solve(motion, self.pulls, self.scale * error / h, isPulling, isNear)
-            isPulling, before, error = self.pulls != 0.0, error, self._predicted(motion)
-            sizes = np.abs((error, before)) / self._levers()
-            most, last = sizes[:, isPulling].max(axis=1, initial=0.0)
-            if not TOLERANCE < most < 0.5 * last:
+            isPulling = self.pulls != 0.0
+            before = self._most(error, isPulling)
+            if before <= TOLERANCE:  # so is what is left
+                break
+            error = self._predicted(motion)
+            if not TOLERANCE < self._most(error, isPulling) < 0.5 * before:
                 break
         speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
         pushed = self._changes(motion, self._answer(self._is_off(), speed, SOFTNESS))
         motion.velocity += pushed
         return pushed
+
+    def _most(self, error, some):
+        """Largest error of some constraints (K,), as a fraction of their levers."""
+        return (np.abs(error) / self._levers())[some].max(initial=0.0)
 
     def _predicted(self, motion):
         """Errors (K,) at the end of the substep, along the directions d at its start: to the circle
