@@ -93,11 +93,10 @@ class SubmittedSteps:
         parameters = inspect.signature(self._theirs.resolve_collision).parameters
         self._friction = next(filter(FRICTION_NAME.fullmatch, parameters), None)
         digest = sha256()
-        paths = sorted(filter(Path.is_file, self.folder.rglob("*.py")))
-        for file in (one.relative_to(self.folder) for one in paths):
+        for path in sorted(filter(Path.is_file, self.folder.rglob("*.py"))):
+            file = path.relative_to(self.folder)
             if not any(map(submissions.is_skipped, file.parts)):
-                content = (self.folder / file).read_bytes()
-                digest.update(file.as_posix().encode() + b"\0" + content + b"\0")
+                digest.update(file.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
         self.digest = digest.hexdigest()
 
     def _error(self, cause):

@@ -131,14 +131,14 @@ class Frames:
         return np.array(multiply((a[0], *-a[1:]), b))
 
 
-def detect(step, frames, kept, isDisturbed, tied):
+def detect(step, frames, state, isDisturbed, tied):
     """Detects the contacts of a `Step`: the `Manifolds` of all pairs near enough.
 
-    kept : `SolverState`, whose pairs are replaced by those of this step
+    state : `SolverState`, whose pairs are replaced by those of this step
     tied : (2, R), bodies that constraints join
     """
     # two bodies that do not move in this step keep their manifold, or have none
-    isStill = kept.sleep.isAsleep | (frames.bodies.isFixed & ~frames.bodies.isKinematic)
+    isStill = state.sleep.isAsleep | (frames.bodies.isFixed & ~frames.bodies.isKinematic)
     isStill &= ~isDisturbed
     first, second = frames.near_pairs(isStill, tied)
     key = first * (frames.count + 1) + second
@@ -146,19 +146,19 @@ def detect(step, frames, kept, isDisturbed, tied):
         linked = linked_keys(step, frames.count + 1)
         others = indices(find_sorted(key, linked) < 0)
         first, second, key = first[others], second[others], key[others]
-    axis = vectors.known_columns(key, kept.pairKey, kept.pairAxis)
-    valid = _valid_manifolds(kept.manifolds, frames, key, isStill)
+    axis = vectors.known_columns(key, state.pairKey, state.pairAxis)
+    valid = _valid_manifolds(state.manifolds, frames, key, isStill)
     asked = indices(find_sorted(key, valid.key) < 0)
     landing = indices(frames.isNearGround)
     landing = landing[find_sorted(landing * (frames.count + 1) + frames.count, valid.key) < 0]
-    kept.pairKey, kept.pairAxis = key, axis
+    state.pairKey, state.pairAxis = key, axis
     if len(asked) + len(landing) == 0:
         return valid
     ground = _ground_contacts(frames, landing)
     pairs, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
     contacts = _with_pairs(frames, pairs, valid, ground) if len(pairs.first) else ground
     new = _new_manifolds(frames, *contacts)
-    new.inherit(kept.manifolds)
+    new.inherit(state.manifolds)
     return valid.joined(new)
 
 

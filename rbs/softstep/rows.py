@@ -168,7 +168,6 @@ class ContactRows:
         friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
         # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
         limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
-        sliding = indices(leastSlip)
         if isSoft:
             np.copyto(friction, before[POINTS:], where=leastSlip > 0.0)
         size = friction * friction
@@ -176,7 +175,7 @@ class ContactRows:
         size = np.sqrt(size[::2])
         share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
         impulse[4:6], impulse[6] = friction[:2] * share, friction[2] * twistShare
-        if not isSoft and len(sliding):
+        if not isSoft and len(sliding := indices(leastSlip)):
             # some points slide if, about, (S/L)² + (T/M)² > 1 for the friction S and the twist T,
             # with the limits L of S alone and M of T alone
             size /= np.maximum(limit, TINY)

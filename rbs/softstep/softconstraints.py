@@ -53,11 +53,11 @@ class SoftConstraints:
     ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the equations that have them
     """
 
-    def __init__(self, key, frames, motion, kept, h, ratio):
-        """kept : `SolverState`; h, ratio : as for `SoftContacts`"""
+    def __init__(self, key, frames, motion, state, h, ratio):
+        """state : `SolverState`; h, ratio : as for `SoftContacts`"""
         bodies, vertices = (key[k:4:2].astype(np.intp) for k in (0, 1))
         self.impulse, isNew = np.zeros((2, len(key[0]))), np.ones(len(key[0]), dtype=bool)
-        before, (pull, lasting) = kept.constraint, kept.constraintImpulse
+        before, (pull, lasting) = state.constraint, state.constraintImpulse
         now = last = slice(None)
         if not np.array_equal(key[:4], before[:4]):
             both = np.concatenate((key[:4], before[:4]), axis=1)
@@ -81,8 +81,9 @@ class SoftConstraints:
         way = np.subtract(*(centres + arms).swapaxes(0, 1))
         length = norm(way)
         way *= np.clip(length, *bounds) / np.maximum(length, TINY)
-        self.lower, self.upper = bounds = bounds.repeat(parts, axis=1)
+        bounds = bounds.repeat(parts, axis=1)
         bounds[:, self.isJoint] = way.T[isJoint].ravel()
+        self.lower, self.upper = bounds
         self._axes = np.zeros((3, self.count))
         self._axes[:, self.isJoint] = np.tile(np.eye(3), np.count_nonzero(isJoint))
         self.isRigid = self.lower >= self.upper
@@ -201,6 +202,7 @@ class SoftConstraints:
         return ~self.isSlack & (np.abs(self.C) > TOLERANCE * self._levers())
 
     def _levers(self):
+        """Lengths (K,) with which errors are compared."""
         return np.maximum(self.length, self._reach.max(axis=0))
 
     def pull(self, motion):

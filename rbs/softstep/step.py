@@ -25,14 +25,14 @@ substeps are longer than the last one's.
 import numpy as np
 
 from Quaternion import exponentials, multiply
-from rbs.geometry.vectors import indices, norm, take
+from rbs.geometry.vectors import indices, take
 from rbs.softstep.contacts import SoftContacts, StillContacts
 from rbs.softstep.detection import Frames, detect
-from rbs.softstep.manifolds import NO_MANIFOLDS, TINY, Manifolds
+from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.rows import inverted
 from rbs.softstep.sleeping import Sleep, beside, connected, wake
 from rbs.softstep.softconstraints import SoftConstraints, changed_ends, constraint_keys
-from rbs.stepping.flight import turned
+from rbs.stepping.flight import rotation_vectors, turned
 
 
 def soft_step(step):
@@ -165,9 +165,7 @@ class Motion:
         """
         change = h * self.rates()
         halves = (exponentials((0.0, *(0.5 * turn))) for turn in (change[3:], self.turn))
-        cosine, *sines = multiply(*halves)
-        sine = norm(np.array(sines))
-        turn = sines * (2.0 * np.arctan2(sine, cosine) / np.maximum(sine, TINY))
+        turn = rotation_vectors(np.array(multiply(*halves)))
         return np.concatenate((self.shift + change[:3], turn))
 
     def store(self, bodies):

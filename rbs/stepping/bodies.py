@@ -11,7 +11,7 @@ from rbs.geometry.broadphase import grid_overlaps, overlapping
 from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_columns
 from rbs.geometry.triples import vector
 from rbs.geometry.vectors import indices, mat_vec, ranges, rotate_tensor, row_minima, take
-from rbs.stepping.flight import torque_free_velocities, turned
+from rbs.stepping.flight import rotation_vectors, torque_free_velocities, turned
 from rbs.stepping.meshes import LARGEST_NUMBER, Snapshot, check_distinct, columns_of, table_of
 from rbs.stepping.settings import EARTH
 
@@ -230,10 +230,8 @@ class Bodies:
             isMoved &= np.sqrt((displacement * displacement).sum(axis=0)) <= self.hulls.radius
         if isMoved.any():
             self._end = isMoved, self.state[:, :-1]
-            w, *xyz = multiply(self.orientation, (orientation[0], *-orientation[1:]))
-            xyz = np.where(w < 0.0, -1.0, 1.0) * xyz
-            sine = np.sqrt((xyz * xyz).sum(axis=0))
-            turn = xyz * (2.0 * np.arctan2(sine, np.abs(w)) / np.where(sine > 0.0, sine, 1.0))
+            q = np.array(multiply(self.orientation, (orientation[0], *-orientation[1:])))
+            turn = rotation_vectors(np.where(q[0] < 0.0, -q, q))
             moving = position, displacement / timeStep, turn / timeStep, orientation
             self._store(np.concatenate(moving), isMoved)
             self.isKinematic = self.isKinematic | isMoved

@@ -17,6 +17,12 @@ def turned(orientation, angle):
     return np.array((w, x, y, z)) / np.sqrt(w * w + (x * x + y * y + z * z))
 
 
+def rotation_vectors(q):
+    """Rotation vectors φ (3, n) of unit quaternions (4, n) = exp(φ/2), by up to 2π."""
+    sine = np.sqrt((q[1:] * q[1:]).sum(axis=0))
+    return q[1:] * (2.0 * np.arctan2(sine, q[0]) / np.where(sine > 0.0, sine, 1.0))
+
+
 def turn_matrix(angle):
     """Nine entries of the rotation matrix of a rotation vector, floats or arrays (n,)."""
     return rotation_matrices(exponentials((0.0, *scale(0.5, angle))))

@@ -76,8 +76,7 @@ class StepReport:
     @property
     def contactCount(self):
         """Number of contacts, without listing them."""
-        waiting = sum(len(late.columns[3]) for late in self._later)
-        return len(self._contacts) + len(self.found) + waiting
+        return len(self._contacts) + len(self.found) + sum(len(x.columns[0]) for x in self._later)
 
     @property
     def deepest(self):
