@@ -84,7 +84,7 @@ class SoftContacts(PlacedManifolds):
         self.weight = self.system.mass * (motion.fallRate * h)
         self.pending, self.total = np.zeros((2, 7, self.count))
         least = max(TOLERANCE * self.fallSpeed * h / self.timeStep, self.rounding, TINY)
-        self.leastSlip = np.where(self._may_slide(), least, 0.0)
+        self.system.let_slide(np.where(self._may_slide(), least, 0.0))
         isUneven, loads = self._weighed(inverse[0], motion)
         self.most = (1.0 - self.softness) * loads * self.weight
         # impulses of shorter substeps are a wrong start, which one sweep would leave
@@ -175,8 +175,8 @@ class SoftContacts(PlacedManifolds):
         self.system.turn(self.h)
 
     def _sweep(self, bias, softness=None, most=None):
-        given = self.impulse, self.speed, bias, self.leastSlip, softness, most
-        before, self.impulse = self.impulse, self.system.solved(*given)
+        before = self.impulse
+        self.impulse = self.system.solved(before, self.speed, bias, softness, most)
         self.pending = self.impulse - before
 
     def _unsolved(self, motion):
@@ -191,15 +191,18 @@ class SoftContacts(PlacedManifolds):
             isSinking[self.ends[:, sinking]] = True
             isPart = isPart | (isSinking & (motion.invMass > 0.0))[self.ends].any(axis=0)
         some = indices(isPart)
-        isPoint = take(self.isPoint, some, 1)
-        return some, self.system.of(some, isPoint, motion) if len(some) else None
+        if len(some) == 0:
+            return some, None
+        part = self.system.of(some, take(self.isPoint, some, 1), motion)
+        part.let_slide(take(self.system.leastSlip, some))
+        return some, part
 
     def _converge(self, motion, unsolved, bias, *terms):
         """Goes on with what is unsolved until its errors are within `tolerance`."""
         some, part = unsolved
         if len(some):
             self.apply(motion)
-            given = self.impulse, self.tolerance, bias, self.leastSlip, *terms
+            given = self.impulse, self.tolerance, bias, *terms
             given = (take(x, some, -1) for x in given)
             part.applied[:] = 0.0
             self.impulse[:, some] = part.converged(motion, *given)
@@ -315,9 +318,8 @@ class SoftContacts(PlacedManifolds):
         some, total = indices(isPart), total.copy()
         bias, isActive, before = (take(x, some, 1) for x in (bias, isActive, total))
         tolerance = TOLERANCE * max(-bias.min(initial=0.0), self.fallSpeed)
-        given = before, tolerance, bias, np.zeros(len(some))
         part = self.system.of(some, isActive, motion)
-        total[:, some] = part.converged(motion, *given, sweeps=sweeps)
+        total[:, some] = part.converged(motion, before, tolerance, bias, sweeps=sweeps)
         return total
 
     def store(self, manifolds, isStill):

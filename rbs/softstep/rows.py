@@ -66,6 +66,7 @@ class ContactRows:
     friction, frictionMass : (3, 3, M), A and A⁻¹ of the friction rows alone
     slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
         impulses and the present speeds make them slip
+    leastSlip : (M,), see `let_slide`; sliding : (K,), manifolds whose points slide
     """
 
     def __init__(self, motion, masses, geometry, turning=None, island=None):
@@ -104,6 +105,15 @@ class ContactRows:
         ofNormals = np.einsum("ikm,kjm->ijm", self.frictionMass, A[POINTS:, :POINTS])
         self.slip = np.concatenate((ofNormals, self.frictionMass), axis=1)
         self.slip[2] *= isSpun
+        self.let_slide(np.zeros(len(total)))
+
+    def let_slide(self, leastSlip):
+        """Lets friction act at the points of the manifolds with a leastSlip (M,) > 0, m/s, to which
+        their slip counts; in others, it is that of points that stick.
+        """
+        self.leastSlip, self.sliding = leastSlip, indices(leastSlip)
+        given = leastSlip, self.weights, self.levers, self.limits[0], self.friction
+        self._ofSliding = [take(x, self.sliding, -1) for x in (*given, self.frictionMass)]
 
     def turn(self, seconds):
         """Turns the arms with their bodies."""
@@ -137,11 +147,10 @@ class ContactRows:
         motion.velocity[:3] += motion.invMass * total[:3]
         motion.velocity[3:] += mat_vec(motion.invInertia, total[3:])
 
-    def solved(self, before, speed, bias, leastSlip, softness=None, most=None):
+    def solved(self, before, speed, bias, softness=None, most=None):
         """Returns the impulses (7, M) after one sweep: λ ← s (λ - m (u + bias)), λ ≥ 0.
 
         before, speed : (7, M), impulses, and the speeds of the rows with them; bias : (4, M)
-        leastSlip : (M,), as for `_sliding`, or 0 where all friction is that of points that stick
         softness, most : (4, M), s, and the most by which it lowers λ; None in the relaxing sweep
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
@@ -169,27 +178,26 @@ class ContactRows:
         # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
         limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
         if isSoft:
-            np.copyto(friction, before[POINTS:], where=leastSlip > 0.0)
+            np.copyto(friction, before[POINTS:], where=self.leastSlip > 0.0)
         size = friction * friction
         size[0] += size[1]
         size = np.sqrt(size[::2])
         share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
         impulse[4:6], impulse[6] = friction[:2] * share, friction[2] * twistShare
-        if not isSoft and len(sliding := indices(leastSlip)):
+        if not isSoft and len(self.sliding):
             # some points slide if, about, (S/L)² + (T/M)² > 1 for the friction S and the twist T,
             # with the limits L of S alone and M of T alone
             size /= np.maximum(limit, TINY)
             size = np.sqrt(np.add.reduce(size * size))
-            given = leastSlip, impulse, friction, size, speed[POINTS:]
-            given = (take(x, sliding, -1) for x in given)
-            impulse[POINTS:, sliding] = self._sliding(sliding, *given)
+            given = impulse, friction, size, speed[POINTS:]
+            given = (take(x, self.sliding, -1) for x in given)
+            impulse[POINTS:, self.sliding] = self._sliding(*given)
         return impulse
 
-    def _sliding(self, rows, leastSlip, impulse, sticking, size, speed):
-        """Friction (3, K) of manifolds `rows` (K,) whose points slide, each point's against its
-        slip.
+    def _sliding(self, impulse, sticking, size, speed):
+        """Friction (3, K) of the manifolds whose points slide, each point's against its slip.
 
-        leastSlip : (K,), m/s, to which |u| counts; impulse : (7, K); speed : (3, K)
+        impulse : (7, K); speed : (3, K)
         sticking : (3, K), f*, impulses that would stop the slip w = A (f - f*) of the rows
         size : (K,), about what f* is to be divided by to reach the limit
 
@@ -198,8 +206,7 @@ class ContactRows:
         faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size,
         scaled down to the measured slip of all points; that of each would make spins oscillate.
         """
-        given = self.weights, self.levers, self.limits[0], self.friction, self.frictionMass
-        weights, levers, limits, response, mass = (take(x, rows, -1) for x in given)
+        leastSlip, weights, levers, limits, response, mass = self._ofSliding
 
         def slip(w):
             """Slip speeds (4, K) of the points; w : (3, K), speeds of the friction rows."""
