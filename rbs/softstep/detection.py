@@ -7,9 +7,9 @@ from rbs.geometry import vectors
 from rbs.geometry.broadphase import islands, overlapping
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import tangents
-from rbs.geometry.vectors import cross, dot, find_sorted, indices, mat_vec, norm, take, vec_mat
+from rbs.geometry.vectors import cross, dot, find_sorted, indices, norm, take, vec_mat
 from rbs.softstep.manifolds import Manifolds, contact_normals, four_points, pair_corners
-from rbs.softstep.placed import GROUND_AXES
+from rbs.softstep.placed import GROUND_AXES, PlacedManifolds
 from rbs.softstep.supports import FLUSH, deferring
 from rbs.stepping.constraints import linked_keys
 
@@ -217,12 +217,12 @@ def _with_pairs(frames, pairs, valid, ground):
 
     A pair whose faces, seen along the normal, do not overlap touches nowhere.
     """
-    ofValid, normal = valid.bodies(frames.count), pairs.axis
-    asked = slice(len(valid.key), len(valid.key) + len(pairs.first))
-    known = mat_vec(take(frames.rotation, ofValid[0], axis=1), valid.normal)
-    ends = np.concatenate((ofValid, (pairs.first, pairs.second), ground[:2]), axis=1)
-    normals = np.concatenate((known, normal, ground[2]), axis=1)
-    normal, isContact = deferring(frames, ends, normals, asked)
+    known = PlacedManifolds(valid, frames, np.arange(len(valid.key)))
+    asked = slice(known.count, known.count + len(pairs.first))
+    both = (known.first, known.second), (pairs.first, pairs.second), ground[:2]
+    normals = np.concatenate((known.normal, pairs.axis, ground[2]), axis=1)
+    given = np.concatenate(both, axis=1), normals, asked, known.heights()
+    normal, isContact = deferring(frames, *given)
     tangent = tangents(normal)
     row, corners = pair_corners(pairs, normal, tangent)
     kept = indices(isContact[row])
