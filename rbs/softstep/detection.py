@@ -7,9 +7,9 @@ from rbs.geometry import vectors
 from rbs.geometry.broadphase import islands, overlapping
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import tangents
-from rbs.geometry.vectors import cross, dot, find_sorted, indices, mat_vec, norm, take, vec_mat
+from rbs.geometry.vectors import cross, dot, find_sorted, indices, norm, take, vec_mat
 from rbs.softstep.manifolds import Manifolds, contact_normals, four_points, pair_corners
-from rbs.softstep.placed import GROUND_AXES
+from rbs.softstep.placed import GROUND_AXES, PlacedManifolds
 from rbs.softstep.supports import FLUSH, deferring
 from rbs.stepping.constraints import linked_keys
 
@@ -165,9 +165,6 @@ def detect(step, frames, state, isDisturbed, tied):
 def _valid_manifolds(manifolds, frames, nearKey, isStill):
     """Returns the manifolds of pairs that are still near and in nearly the same relative pose.
 
-    Those on the ground are rebuilt at a smaller change: between its old points, a cylinder that
-    wobbles on its edge would sink in, and gain energy as it is pushed out.
-
     nearKey : (Q,), sorted keys of the near pairs of which one body moves; isStill : as for `detect`
     """
     ends = manifolds.bodies(frames.count)
@@ -183,9 +180,9 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     # θ ≤ π √(1 - cos θ/2)
     cosine = np.abs((take(manifolds.rotation, moved, axis=1) * rotation).sum(axis=0))
     angle = np.pi * np.sqrt(np.maximum(1.0 - cosine, 0.0))
-    size, radius = frames.sizes(first, second)
-    change = norm(translation - take(manifolds.translation, moved, axis=1)) + angle * radius
-    isValid[moved] = change <= np.where(second == frames.count, FLUSH, KEEP) * size
+    change = norm(translation - take(manifolds.translation, moved, axis=1))
+    change += angle * frames.sizes(first, second)[1]
+    isValid[moved] = change <= take(manifolds.room, moved)
     return manifolds if isValid.all() else manifolds.rows(indices(isValid))
 
 
@@ -215,38 +212,45 @@ def _with_pairs(frames, pairs, valid, ground):
     """Contacts with the ground and those of pairs, see `_facing_pairs`, as for `_new_manifolds`;
     pairs that defer to a support, among these and the valid `Manifolds`, take over its normal.
 
-    A pair whose faces, seen along the normal, do not overlap touches nowhere.
+    A pair whose faces, seen along the normal, do not overlap touches nowhere. Along the normal of
+    another, it is not seen how deep the two get into each other.
     """
-    ofValid, normal = valid.bodies(frames.count), pairs.axis
-    asked = slice(len(valid.key), len(valid.key) + len(pairs.first))
-    known = mat_vec(take(frames.rotation, ofValid[0], axis=1), valid.normal)
-    ends = np.concatenate((ofValid, (pairs.first, pairs.second), ground[:2]), axis=1)
-    normals = np.concatenate((known, normal, ground[2]), axis=1)
-    normal, isContact = deferring(frames, ends, normals, asked)
+    known = PlacedManifolds(valid, frames, np.arange(len(valid.key)))
+    asked = slice(known.count, known.count + len(pairs.first))
+    both = (known.first, known.second), (pairs.first, pairs.second), ground[:2]
+    normals = np.concatenate((known.normal, pairs.axis, ground[2]), axis=1)
+    given = np.concatenate(both, axis=1), normals, asked, known.heights()
+    normal, isContact = deferring(frames, *given)
     tangent = tangents(normal)
     row, corners = pair_corners(pairs, normal, tangent)
     kept = indices(isContact[row])
     isMet = np.bincount(row[kept], minlength=len(pairs.first)) > 0
     met, row = indices(isMet), take(isMet.cumsum() - 1, row[kept]) + len(ground[0])
-    found = [take(x, met, axis=-1) for x in (pairs.first, pairs.second, normal, tangent)]
+    keep = np.where((normal == pairs.axis).all(axis=0), KEEP, FLUSH)
+    found = [take(x, met, axis=-1) for x in (pairs.first, pairs.second, normal, tangent, keep)]
     return vectors.joined(ground, (*found, row, take(corners, kept, axis=1)))
 
 
 def _ground_contacts(frames, body):
-    """Contacts of the bodies (K,) with the ground, as for `_new_manifolds`."""
-    ground = np.full(len(body), frames.count)
+    """Contacts of the bodies (K,) with the ground, as for `_new_manifolds`.
+
+    Between their old points, a cylinder that wobbles on its edge would sink in, and gain energy as
+    it is pushed out.
+    """
+    ground, keep = np.full(len(body), frames.count), np.full(len(body), FLUSH)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
     hulls = frames.hulls
     row, column = vectors.ranges(take(hulls.vertexStart, body), take(hulls.vertexCount, body))
     x, y, z = take(hulls.vertices, column, axis=1)
     height = y + take(frames.position[1, body], row)
-    return body, ground, *axes, row, np.array((x, z, -height, np.zeros_like(x)))
+    return body, ground, *axes, keep, row, np.array((x, z, -height, np.zeros_like(x)))
 
 
-def _new_manifolds(frames, first, second, normal, tangent, row, corners):
+def _new_manifolds(frames, first, second, normal, tangent, keep, row, corners):
     """Builds the `Manifolds` of K contacts; not sorted, and without impulses.
 
     first, second : (K,), bodies; normal, tangent : (3, K), unit
+    keep : (K,), change after which they are rebuilt, as a fraction of the lesser thickness
     row, corners : (Q,), contact of each corner, and (4, Q), see `pair_corners`
     """
     order = row.argsort(kind="stable")
@@ -272,6 +276,7 @@ def _new_manifolds(frames, first, second, normal, tangent, row, corners):
         isPoint=isPoint,
         translation=vec_mat(t, rotation1),
         rotation=frames.relative_orientations(first, second),
+        room=keep * size,
         impulse=np.zeros(isPoint.shape),
         friction=np.zeros_like(normal),
     )

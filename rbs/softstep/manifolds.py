@@ -38,7 +38,7 @@ class Manifolds(SimpleNamespace):
     anchor1, anchor2 : (3, 4, M), contact points on either body, in its frame
     isPoint : (4, M) bool; the anchors are meaningless if false
     translation, rotation : (3, M), (4, M), pose of the second body in the first one's frame when
-        the manifold was built
+        the manifold was built; room : (M,), change of this pose up to which it is kept, in m
     impulse, friction : (4, M), along the normal at the points; (3, M), along t1, t2 and as a twist
         about n; mass · speed, from the last substep, for warm starting
     """
@@ -90,6 +90,7 @@ class Manifolds(SimpleNamespace):
 NO_MANIFOLDS = Manifolds(
     key=np.zeros(0, dtype=np.int64),
     isPoint=np.zeros((POINTS, 0), dtype=bool),
+    room=np.zeros(0),
     rotation=np.zeros((4, 0)),
     **{name: np.zeros((3, 0)) for name in ("normal", "tangent", "translation", "friction")},
     **{name: np.zeros((3, POINTS, 0)) for name in ("anchor1", "anchor2")},

@@ -37,6 +37,15 @@ class PlacedManifolds:
         across = mat_vec(take(frames.rotation, self.second, axis=1)[:, None], manifolds.anchor2)
         self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
 
+    def heights(self):
+        """Heights (2, M) of the deepest points on the first and on the second body, from its COM
+        towards the other body: of the planes that they support it with.
+        """
+        gap = np.where(self.isPoint, self.gap, np.inf)
+        deepest = gap.argmin(axis=0), np.arange(self.count)
+        height = dot(self.arm, self.normal[:, None])[deepest]
+        return np.array((height, dot(self.t, self.normal) - height - gap[deepest]))
+
     def reported(self, total):
         """Columns, as for `StepReport.add_columns`, of every point that touches or received an
         impulse, at the start of the step.

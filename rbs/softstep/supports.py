@@ -20,12 +20,14 @@ from rbs.geometry.vectors import dot, indices, ranges, take
 FLUSH = 2e-3
 
 
-def deferring(frames, ends, normal, asked):
+def deferring(frames, ends, normal, asked, heights):
     """`(normal (3, K), isContact (K,))` of K pairs that may touch: one that defers to a support
     takes over its normal, and one for which supports cross has no contact.
 
     ends : (2, C), bodies; the ground is body n. normal : (3, C), unit, from the first to the second
     asked : slice of the K of these that may defer
+    heights : (2, V), of the planes of the first V of these, see `PlacedManifolds.heights`; the
+        others meet along the normal of least penetration, and so with the ends of both bodies
 
     A contact that may itself do so is no support. Of several, that along which the two approach
     least counts.
@@ -36,8 +38,9 @@ def deferring(frames, ends, normal, asked):
     # each contact twice: the second body under the first, and the first under the second
     body, base = np.concatenate((ends, ends[::-1]), axis=1)
     outward, level = np.concatenate((-normal, normal), axis=1), np.zeros(2 * count)
-    some = indices(np.tile(isAsked[ends].any(axis=0), 2) & (base < frames.count))
+    some = indices(np.tile(np.arange(count) >= len(heights[0]), 2) & (base < frames.count))
     level[some] = -supports(hulls, take(base, some), -take(outward, some, axis=1))[0]
+    level.reshape(2, count)[:, : len(heights[0])] = heights[::-1]
     t = take(frames.position, second, axis=1) - take(frames.position, first, axis=1)
     depth = level[:count] + level[count:] - dot(normal, t)
     some = indices((isAsked & ~np.append(frames.bodies.isFixed, True))[body])

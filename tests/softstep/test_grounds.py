@@ -234,6 +234,64 @@ def test_tiles_that_move_together_carry_a_box_over_their_seams():
     assert max(lift) < 5e-3
 
 
+def log_on_plank(kind, rng):
+    """`(bodies, changes)`: a log that lies on a plank, and a block at its next side.
+
+    changes : (body, shift, orientation or None), after a step. The block gets 1 to 2 cm into the
+        log: after the plank or the log has turned, so that an end of the plank is 0.1 above the
+        place where they touch; or it was flush with the plank, and rises, or both others sink
+    """
+    sides = int(rng.integers(12, 25))
+    turn, half = 2 * np.pi / sides, 1.5 * np.sin(np.pi / sides)
+    log = above(shapes.convex_hull(roller(sides).origVertices * (3.0, 3.0, 5.0), 1.0))
+    if kind in ("plank turns", "log turns"):
+        outward, middle = np.array([np.sin(turn), -np.cos(turn), 0.0]), log.position[0, 1]
+        away, q = 1000 * outward, quaternion((0, 0, 1), np.degrees(turn))
+        place = (0, middle, 0) + (middle + 0.24) * outward + away
+        block = box_body(1.6 * half, 0.5, 0.9, place, orientation=q)
+        plank = box_body(4, 2, 24, (0.9 * half - 2, -0.999, 0))
+        turned = plank if kind == "plank turns" else log
+        q = quaternion((1, 0, 0), rng.choice((-0.46, 0.46)))
+        shift = rotation(q).apply(turned.position[0]) - turned.position[0]
+        changes = [(block, -away, None), (turned, shift, q)]
+    else:
+        ahead = rng.uniform(0.003, 0.006)
+        corners = ((0, 0), (-1, -4), (1, -4))
+        ridge = [(x, y, z) for x, y in corners for z in (0.05, 1.65)]
+        block = shapes.convex_hull(np.array(ridge) + (half + ahead, ahead * np.tan(turn), 0), 1.0)
+        plank = box_body(4, 2, 4, (0, -0.9995, -2.05))
+        if kind == "block rises":
+            changes = [(block, (0, 0.018, 0), None)]
+        else:
+            changes = [(mesh, (0, -0.018, 0), None) for mesh in (log, plank)]
+    bodies = log, plank, block
+    return [bodies[k] for k in rng.permutation(3)], bodies, changes
+
+
+def test_contacts_show_how_deep_bodies_are_in_each_other():
+    """Otherwise, nothing pushes them apart."""
+    rng, made = np.random.default_rng(1), []
+    kinds = "plank turns", "log turns", "block rises", "log sinks"
+    for kind in kinds:
+        made += [log_on_plank(kind, rng) for _ in range(12)]
+    meshes = in_lanes(*(lane for lane, *_ in made))
+    number = {id(mesh): k for k, mesh in enumerate(meshes)}
+    settings = {"gravity": (0.0, 0.0, 0.0), "mu": 0.0, "hasGround": False}
+    settings["solverState"] = run(meshes, H, **settings)
+    for mesh, shift, orientation in itertools.chain(*(changes for *_, changes in made)):
+        mesh.position = mesh.position + np.array([shift])
+        if orientation is not None:
+            mesh.orientation = np.array([orientation])
+    pairs = [(log, block) for _, (log, _, block), _ in made]
+    deep = [oracles.minkowski_depth(a.currVertices, b.currVertices) for a, b in pairs]
+    report, shown = experiments.run("soft step", meshes, H, **settings)[0].report, {}
+    for c in report.contacts:
+        shown[c.body1, c.body2] = max(c.depth, shown.get((c.body1, c.body2), 0.0))
+    found = [shown.get(tuple(sorted((number[id(a)], number[id(b)]))), 0.0) for a, b in pairs]
+    hidden = (np.array(deep) - found).reshape(len(kinds), -1).max(axis=1)
+    assert min(deep) > 9e-3 and not list(itertools.compress(kinds, hidden > 3e-3))
+
+
 # Blows, energy, loads
 
 
