@@ -116,11 +116,14 @@ class SubmittedSteps:
         return ""
 
     def is_turned_back(self, meshes):
-        """Whether their tensors in world axes are Rᵀ I⁻¹ R, as in the release's solution."""
+        """Whether their tensors in world axes are Rᵀ I⁻¹ R, as in the release's solution; the
+        events of their steps tell it from now on.
+        """
         with suppress(Exception, SystemExit), submissions.at_home(self.folder):  # told where needed
             for mesh in filter(lambda one: not one.isFixed, map(copy.copy, meshes)):
                 mesh.orientation, mesh.__class__ = TURN, self._Mesh
                 if is_turned_back(mesh.invIT, mesh.get_rotated_inv_IT()):
+                    self._Mesh.isTurnedBack = True
                     return True
         return False
 

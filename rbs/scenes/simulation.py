@@ -289,6 +289,8 @@ def turned_back(Mesh):
     """Returns a subclass of our Mesh whose tensor is turned as the release's."""
 
     class TurnedBack(Mesh):
+        isTurnedBack = True
+
         def get_rotated_inv_IT(self):
             return in_world_axes(Q2RotMatrix(self.orientation), self.invIT, True)
 
