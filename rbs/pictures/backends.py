@@ -13,6 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 
+from rbs.scenes.messages import pip_install
+
 WINDOW_BACKEND = "openGL3_glfw"
 OFFSCREEN_BACKEND = "openGL3_egl"
 # Polyscope links against the first package and loads the others at its start.
@@ -65,7 +67,7 @@ def find_backend(window):
             return Backend(name, "; ".join(reasons))
         reasons.append(failure)
     if "No module named" in reasons[-1]:
-        return Backend(None, reasons[-1], "Install it: pip install polyscope")
+        return Backend(None, reasons[-1], "Install it: " + pip_install("polyscope"))
     remedy = "Update the graphics driver"
     if onLinux:
         remedy = f"On Debian or Ubuntu, apt-get install {DEBIAN_PACKAGES} provides OpenGL"

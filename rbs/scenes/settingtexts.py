@@ -38,13 +38,11 @@ class SettingText:
         self.tooltip = tooltip[:1].upper() + tooltip[1:]
 
     def parsed(self, text):
-        """Returns the value of a text. Raises ValueError as `Setting.checked` does."""
+        """Returns the value of a text. Raises ValueError as `Setting.checked` does of the text."""
         if self.setting.kind in (float, int):
             with suppress(ValueError):
-                words = text.split(",")  # whole numbers stay so, for the message
-                kinds = (int if one.lstrip("-").isdigit() else self.setting.kind for one in words)
-                found = list(map(plain_number, words, kinds))
-                text = found if len(found) > 1 else found[0]
+                found = [plain_number(word, self.setting.kind) for word in text.split(",")]
+                return self.setting.checked(found if len(found) > 1 else found[0])
         return self.setting.checked(text)
 
     def shown(self, settings):
