@@ -119,9 +119,9 @@ GROUPS = {
     "a student's functions": (
         Option(
             "--functions DIR",
-            "let this project's run_timestep call the functions and the methods of Mesh in the "
-            "RBSFunctions.py in DIR, such as a student's, which runs with your rights, and name "
-            "their first difference from this project's",
+            "run the functions and the methods of Mesh in DIR/RBSFunctions.py, such as a "
+            "student's, from this project's run_timestep, and name their first difference from "
+            "this project's. They run with your rights",
         ),
     ),
     "simulation": (
@@ -171,8 +171,8 @@ GROUPS = {
         ),
         _drawn(
             "--look NAME",
-            "of --screenshots and --video: plain, as in the window; or studio, with sky light and "
-            "soft shadows, which takes seconds per picture (default: plain)",
+            "look of --screenshots and --video: plain, as in the window; or studio, with sky light "
+            "and soft shadows, which takes seconds per picture (default: plain)",
             LOOKS,
             needs=DRAWINGS,
         ),
@@ -186,7 +186,7 @@ GROUPS = {
         ),
         _drawn(
             "--show NAME",
-            f"an overlay, with a blank in quotes; may be given again: {', '.join(OVERLAYS)}",
+            f"overlay; may be repeated; quote a name with a blank: {', '.join(OVERLAYS)}",
             [*OVERLAYS],
             "overlays",
         ),

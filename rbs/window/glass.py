@@ -69,16 +69,16 @@ TOLD = {
     Kind.CONTACT: "The bodies overlap by {d} along n, which points from body 1 to body 2.",
     "the ground": "The body is {d} deep in the ground. n points from body 1 to body 2; the "
     "coursework passes −d and −n, to the same effect.",
-    Kind.CORRECTION: "Moves the bodies apart by the depth, {d}, each by its share w.",
+    Kind.CORRECTION: "The bodies are moved apart by the depth, {d}, each by its share w.",
     Kind.IMPULSE: "The bodies {before} along n. The impulse changes {changes}: now they {after}.",
     "sticks": "The contact slides at {u·t} along t. Friction stops this, and changes {changes}.",
     "slides": "The contact slides at {u·t} along t. Friction reaches its limit μj, and changes "
     "{changes}.",
-    "holds": "The distance of the points keeps to its bound: nothing is corrected.",
-    "violated": "The distance of the points is wrong by {C}: moves them until C = 0, and changes "
-    "{changes}.",
-    Kind.POINT: "Pushes with {F} on average. All points and constraints of the step are solved "
-    "together.",
+    "holds": "The distance of the points is within its bound: nothing is corrected.",
+    "violated": "The distance of the points is wrong by {C}. They are moved until C = 0, and the "
+    "impulse λ changes {changes}.",
+    Kind.POINT: "The contact pushes with {F} on average. All points and constraints of a step are "
+    "solved together.",
 }
 
 
@@ -115,7 +115,7 @@ def sentence(event):
     elif key == Kind.IMPULSE:
         ends = found["u·n"], float(terms(event._replace(before=event.after))["u·n"])
         for name, u in zip(("before", "after"), ends, strict=True):
-            lengths[name] = f"{'part' if u < 0.0 else 'approach'} at {abs(u):.3g} m/s"
+            lengths[name] = f"{'separate' if u < 0.0 else 'approach'} at {abs(u):.3g} m/s"
     changes = [
         f"{name} by {math.hypot(*(found[f'{name}′'] - found[name])):.3g} {unit(name)}"
         for k, state in enumerate(event.before, 1)
@@ -124,7 +124,7 @@ def sentence(event):
     ]
     text = TOLD[key].format_map(lengths | {"changes": ", ".join(changes)})
     isPulled = key == Kind.IMPULSE and found["u·n"] < 0.0 < -found["j"]
-    return text + " The coursework applies it whatever the sign of u·n." * isPulled
+    return text + " The coursework applies the impulse whatever the sign of u·n." * isPulled
 
 
 class Glass:
@@ -382,20 +382,20 @@ class Glass:
         if self.events:
             back = "Shift + E: the previous event, or the last one"
             rows.insert(0, ("Back", partial(self.go, -1), back))
-            rows.append(("Close", self.close, "Escape: the bodies as they are after the step"))
+            rows.append(("Close", self.close, "Escape: back to the bodies after the step"))
         for name, act, tooltip in rows:
             if psim.Button(f"{name}###event {name}"):
                 act()
             widgets.tell(tooltip)
             psim.SameLine()
         psim.NewLine()
-        tip = "Goes through contacts, and constraints that are corrected, but no free flights"
+        tip = "Show contacts and corrected constraints only, no free flights"
         act = partial(setattr, self, "skips")
         widgets.draw_check("skip free flights", self.skips, act, tip)
         if self.events is None:
             return
         if not self.events:
-            psim.TextWrapped("Nothing to show: no event was reported one by one.")
+            psim.TextWrapped("No events: this step reported none one by one.")
             return
         least = LEAST_LINES * psim.GetTextLineHeightWithSpacing()
         with widgets.child("events", (0.0, max(psim.GetContentRegionAvail()[1], least))):

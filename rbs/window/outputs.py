@@ -65,7 +65,7 @@ class Outputs(outputs.Outputs):
         if self.writers.keys() - {"video"} and viewer.history.now is not self.moment:
             self.stop(*FOLLOWING)
             ends = self.moment.stepCount, viewer.simulation.stepCount
-            viewer.message += "\nends at step {}, since the run goes on from step {}".format(*ends)
+            viewer.message += "\nIt ends at step {}, as the run goes on from step {}.".format(*ends)
 
     def go_on(self, before):
         """Hands the present moment on, which was kept, if `before`, the one before it, is the last

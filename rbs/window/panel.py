@@ -126,21 +126,21 @@ class Panel:
         """Returns the keys: rows (ImGui's names, with modifiers; meaning; function)."""
         viewer, go, toggle = self.viewer, self.glass.go, self._toggle
         frame, event = viewer.view.viewpoint.frame, "event of the last step, with formulas"
-        kept = "start over, keeping your settings; loads a student's functions again"
+        kept = "start over, keeping your settings; reloads a student's functions"
         return [
             ("Space", "play, pause", viewer.toggle_play),
-            ("S RightArrow", "one step forward: to what was kept, or a new one", viewer.step_once),
-            ("LeftArrow Ctrl+Z", "one step back, or undo: bodies and settings", viewer.step_back),
+            ("S RightArrow", "one step forward: a kept one, or else a new one", viewer.step_once),
+            ("LeftArrow Ctrl+Z", "one step back, or undo a change", viewer.step_back),
             ("Ctrl+Y Ctrl+Shift+Z", "redo", viewer.redo),
-            ("E", f"next {event}; first of the selected body", go),
+            ("E", f"next {event}; begins with the selected body", go),
             ("Shift+E", f"previous {event}", partial(go, -1)),
             ("R", kept, viewer.restart),
             ("Shift+R", "start over, with the scene's own settings", partial(viewer.restart, True)),
             ("B", "shoot a ball at the mouse", self._shoot),
             ("F", "fit the scene in view, or the selected body", frame),
-            ("1 Keypad1", "see it from the front", partial(frame, FRONT)),
-            ("3 Keypad3", "see it from the right", partial(frame, SIDE)),
-            ("7 Keypad7", "see it from above", partial(frame, TOP)),
+            ("1 Keypad1", "view from the front", partial(frame, FRONT)),
+            ("3 Keypad3", "view from the right", partial(frame, SIDE)),
+            ("7 Keypad7", "view from above", partial(frame, TOP)),
             ("N", "show or hide the readout", partial(toggle, "isSideShown")),
             ("H", "show or hide this help", partial(toggle, "isHelpShown")),
             ("Escape", "close this help, or the events of a step", self._escape),
@@ -300,7 +300,7 @@ class Panel:
         size, viewer = (self.picture.left, self.picture.height), self.viewer
         flag = OPEN if size[1] >= scaled(ROOMY_HEIGHT) else 0
         with widgets.panel("Main", (0, 0), size, size, labels=LABEL_WIDTH):
-            fit = "F: fit the scene in view, without what has left it, or the selected body"
+            fit = "F: fit the selected body in view, or the scene without bodies that flew off"
             self._buttons(
                 ("Help", partial(self._toggle, "isHelpShown"), "H: keys and mouse actions"),
                 ("Readout", partial(self._toggle, "isSideShown"), "N: numbers on the right"),
@@ -375,7 +375,7 @@ class Panel:
 
     def _draw_display(self):
         view = self.viewer.view
-        tooltip = "What the colours of the bodies show"
+        tooltip = "Quantity that the colours of bodies show"
         widgets.draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
         second = 0.5 * psim.GetContentRegionAvail()[0] + psim.GetCursorPosX()
         for k, (name, one) in enumerate(OVERLAYS.items()):
