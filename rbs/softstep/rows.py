@@ -22,9 +22,9 @@ from rbs.stepping.flight import turn_matrix
 # impulses travel more slowly, and the same stiffness takes a third more substeps; with 2, sweeps
 # diverge, and stacks burst.
 RELAXATION = 1.6
-# Most sweeps until impulses converge, and rounds of bounces, of what the last one makes close. More
-# cost time. With fewer, corners that slide as they land bounce, bodies creep that carry a thousand
-# times their weight, and a blow takes several steps to pass a row of balls.
+# Most sweeps until impulses converge, and most rounds of bounces, each of the points that the last
+# one makes close. More cost time. With fewer, corners that slide as they land bounce, bodies that
+# carry a thousand times their weight creep, and a blow takes several steps to pass a row of balls.
 SWEEPS = 12
 # Error at which sweeps end, and slip at which friction reaches its limit where points slide, as a
 # fraction of the speed that gravity adds per step and substep, or of the largest one. With more,
@@ -316,7 +316,8 @@ def islands_of(ends, invMass):
 
 
 def reached(isSource, speed, mass, links, least):
-    """Which bodies (n,) may share what some have, each the more the fewer they are.
+    """Which bodies (n,) may share the momentum, or the force, of some. The fewer do, the more each
+    gets.
 
     isSource, speed : (n,), bodies that have some, and their velocity or acceleration
     mass : (n,), 0 if fixed; links : (2, L), bodies, in which n is fixed
