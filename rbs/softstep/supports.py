@@ -27,8 +27,8 @@ def deferring(frames, ends, normal, asked):
     ends : (2, C), bodies; the ground is body n. normal : (3, C), unit, from the first to the second
     asked : slice of the K of these that may defer
 
-    A contact that may itself do so is no support. Of several, that along which the two approach
-    least counts.
+    A contact that may itself defer is no support. Of several supports, the one along which the two
+    approach least counts.
     """
     (first, second), count, hulls = ends, len(normal[0]), frames.hulls
     isAsked = np.zeros(frames.count + 1, dtype=bool)
