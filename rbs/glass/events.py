@@ -151,7 +151,8 @@ def world_inertia(state):
 
 
 def applied_impulse(before, after):
-    """Returns the impulse (3,) on body 2, by the change of a linear velocity, its own if it moves.
+    """Returns the impulse (3,) on body 2, from the change of its linear velocity, or of that of
+    body 1 if body 2 is immovable.
 
     before, after : `BodyState` of both
     """

@@ -1,8 +1,8 @@
 """Graphics backends of this machine: a window, off-screen pictures, or nothing.
 
 Polyscope is tried out in a separate process. On a display without GLX or driver, opening its window
-ends the process with a segmentation fault. Last, what Polyscope has no function for: `clip_drawing`
-draws only a part of the window, by OpenGL's scissor test, and `fit_window`.
+ends the process with a segmentation fault. At the end stand two functions that Polyscope lacks:
+`clip_drawing`, which draws only a part of the window, by OpenGL's scissor test, and `fit_window`.
 """
 
 import ctypes

@@ -17,7 +17,7 @@ from pathlib import Path
 from rbs.scenes.messages import InputError, counted, one_line, short
 
 RECORDING_ENDINGS = (".h5", ".hdf5")
-# How files begin that come under another's name, and what they are.
+# Beginnings of files that bear the name of another kind, and what these files are.
 STRAYS = {
     b"version https://git-lfs": "a pointer of Git LFS; git lfs pull fetches the file itself",
     b"<!doctype html": "a page of HTML",

@@ -1,7 +1,7 @@
-"""The settings in words: options, --help, labels, and the settings that a scene file suggests.
+"""The settings in words: options, --help, labels, and the settings that a scene file recommends.
 
-Those stand in a comment of the scene file, which other programs ignore; the words are the names of
-command-line options without dashes:
+Recommendations stand in a comment of the scene file, which other programs ignore. The words are the
+names of command-line options without dashes:
 
     # suggests friction 0.5 restitution 0.2 scheduling queue broad-phase grid
 """

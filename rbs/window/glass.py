@@ -21,23 +21,23 @@ from rbs.window import widgets
 from rbs.window.marks import WindowInk
 from rbs.window.widgets import scaled
 
-# Events in the list, at most, around the present one, and the fewest lines of it that are seen.
+# Most events in the list, around the present one, and the fewest lines of the list in view.
 MOST_LISTED, LEAST_LINES = 200, 4
-# The panel's height at first in pixels, and the greatest, as a fraction of the picture's; pixels
+# First height of the panel, in pixels; greatest one, as a fraction of the picture's height; pixels
 # between symbols.
 PANEL_HEIGHT, MOST_SHARE, GAP = 272, 2 / 3, 8
-# Differences from the reference that are listed, and their digits.
+# Number of listed differences from the reference, and of their digits.
 MOST_DIFFERENCES, FEW_DIGITS = 3, 4
-# Contacts of the selected body that are listed, the largest.
+# Number of listed contacts of the selected body, those with the largest impulses.
 LISTED_CONTACTS = 3
 # Significant digits of numbers in formulas; symbols with more, since their difference is small.
 DIGITS, FINE_DIGITS, FINE = 6, 9, ("‖p1−p2‖", "refValue")
-# Colours of numbers, of a student's that the formula does not give, and of units.
+# Colours of numbers, of a student's numbers that differ from the formula, and of units.
 NUMBER_TEXT, WRONG_TEXT = (1.0, 0.85, 0.45, 1.0), (1.0, 0.45, 0.4, 1.0)
 UNIT_TEXT = (0.65, 0.65, 0.65, 1.0)
 # Length of velocities and impulses, relative to normals, which are the overlays' longest arrow.
 VELOCITY_SHARE, IMPULSE_SHARE = 2.0, 1.6
-# Arrows that are named at their middles; lines by which a name gives way to others.
+# Arrows that are named at their middles; shifts, in lines, by which a name avoids others.
 ARMS, LINES = ("r1", "r2"), (0.0, -1.0, 1.0, -2.0, 2.0)
 # What several formulas have in common; r1 and r2 are those after the position correction.
 K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)"

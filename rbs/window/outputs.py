@@ -50,8 +50,8 @@ class Outputs(outputs.Outputs):
     written : paths of the complete files of this session
     moment : of the history, the last one that recording and page have
 
-    Recording and page follow the run, the video shows what is seen. Looking back ends none of them;
-    what is made from an earlier moment is no part of that run.
+    Recording and page follow the run, the video shows what is seen. Looking back ends none of them,
+    but a run that continues from an earlier moment is another one, and ends recording and page.
     """
 
     def __init__(self, viewer):

@@ -47,15 +47,15 @@ SLIDER_ENDS = {"restitution": (0.0, 1.0), "friction": (0.0, 1.0), "gravity": (0.
 SLIDER_ENDS |= {"timeStep": (0.001, 0.05), "substeps": (1, 32)}
 # Most frames per second; the same while idle, to spare the processor; seconds of rest until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
-# Part of the wanted speed that counts as reached; beyond real time, this is no news.
+# Fraction of the chosen speed that counts as reached. Beyond real time, no shortfall is shown.
 REACHED = 0.9
 # Shown until something has been done.
 HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
-# Names of choices in the lists, where the option's own says too little or is too long; of layers.
+# Names in lists of choices where the option's own name says too little; short names of overlays.
 CHOICES = {"impulse": "basic step", "soft-step": "soft step", "all": "all pairs"}
 CHOICES |= {"sequential": "in order"}
 SHORT = {"friction impulses": "friction", "bounding boxes": "boxes", "grid cells": "cells"}
-# Settings that change the time of a step, and not the motion.
+# Settings that change the time of a step, and its motion at most within the constraints' tolerance.
 ADVANCED = "broadPhase", "contactScheduling", "constraintScheduling"
 # Phases of a step, where their names say too little.
 PHASES = {"step": "whole step", "gather": "read bodies", "writeBack": "write back"}
@@ -355,7 +355,7 @@ class Panel:
             if one.label and one.name not in ADVANCED:
                 self._draw_setting(one)
         advanced = [one for one in used if one.name in ADVANCED]
-        if advanced and psim.TreeNode("Advanced"):  # they change no motion
+        if advanced and psim.TreeNode("Advanced"):
             for one in advanced:
                 self._draw_setting(one)
             psim.TreePop()
