@@ -92,6 +92,8 @@ def one_line(text):
         return "not enough memory"
     if isinstance(text, FileExistsError):  # of what would make a folder
         return "a file, not a folder"
+    if isinstance(text, IsADirectoryError):
+        return "a folder, not a file"
     line = "".join(c if c.isprintable() else " " for c in str(getattr(text, "strerror", 0) or text))
     return line if line or isinstance(text, str) else type(text).__name__
 
