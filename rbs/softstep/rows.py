@@ -48,8 +48,8 @@ class ContactRows:
     where S = max(N/ω, 1) for a body with N manifolds, and ω is RELAXATION.
 
     J acts on the bodies' relative linear and own angular velocities. From substep to substep, the
-    arms turn with their bodies: on the tangent of its circle, one that rolls would rise, and lose
-    what it falls back.
+    arms turn with their bodies. Otherwise, a body that rolls would rise along the tangent of its
+    circle, and lose energy as it falls back.
 
     ends : (2, M), columns of `Motion`; isPoint : (4, M), 1 or 0
     places : (12 M,), where the forces on the two bodies, and the torques, are added up
