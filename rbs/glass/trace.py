@@ -126,7 +126,7 @@ def both(ours, theirs, names=OURS_AND_THEIRS):
 
 
 def deviations(event, own=None):
-    """Returns the symbols whose values differ from those of our formula, by what the call did.
+    """Returns the symbols for which the effect of the call differs from our formula.
 
     own : our event, from the same start; by default, the formula is that of the event itself
 

@@ -41,7 +41,7 @@ except Exception as error:
 
 @dataclass
 class Backend:
-    """What draws: Polyscope's name of it, or None; why no window or nothing opens; and advice."""
+    """A way to draw: Polyscope's name of it, or None; why no window, or nothing, opens; advice."""
 
     name: str | None
     reason: str = ""

@@ -140,7 +140,7 @@ def summarise(simulation, run, begin):
 
 
 def state_summary(simulation):
-    """Returns what there is to say of a simulation at present: dict of texts."""
+    """Returns the present state of a simulation in words: dict from row to text."""
     fixedCount = sum(mesh.isFixed for mesh in simulation.meshes)
     constraints, kept = "none", "ignored"
     if simulation.constraints:

@@ -281,6 +281,6 @@ def is_without_window(options):
 
 
 def given_values(options, names):
-    """Returns the options that are given among some, such as SETTINGS: dict by attribute."""
+    """Returns those of the `names`, such as SETTINGS, that are given: dict by attribute."""
     values = {name: getattr(options, name, None) for name in names}
     return {name: value for name, value in values.items() if value is not None}

@@ -159,11 +159,11 @@ class SubmittedSteps:
 
     @contextmanager
     def lend(self, function, *meshes):
-        """Yields meshes of the student's class in the state of ours, which then takes over theirs.
+        """Yields meshes of the student's class in the state of ours; then, ours take over theirs.
 
-        Each mesh of ours has one of theirs, so that what they keep there lasts until somebody fixes
-        or frees it. What they do not change is not set again.
-        function : name of theirs that has them. Raises TypeError if it leaves no such state
+        Each mesh of ours has one of theirs, so that attributes of the student's last until somebody
+        fixes or frees it. Attributes that they leave alone are not set again.
+        function : name of theirs that gets them. Raises TypeError if it leaves no such state
         """
         theirs, before = [], []
         for mesh in meshes:

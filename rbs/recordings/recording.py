@@ -228,7 +228,7 @@ class Recorder(FileWriter):
 
     @classmethod
     def close_all(cls):
-        """Ends what is still recorded when the program ends, as by a generator that goes on."""
+        """Ends recordings that are open as the program ends, such as in a suspended generator."""
         for one in list(cls._open.values()):
             one.close()
 
@@ -281,7 +281,7 @@ class Recorder(FileWriter):
     def _reserve(self, size):
         """Makes the file so many bytes longer than its content, and SPARE_BYTES for HDF5's tables.
 
-        HDF5 crashes if one of its writes fails. Raises OSError, which says what the file has.
+        HDF5 crashes if one of its writes fails. Raises OSError, which names the steps in the file.
         """
         try:
             with open(self.partial, "rb+") as file:

@@ -213,7 +213,7 @@ def apply_settings(simulation, given, isBasic=False, isStrict=True):
     isBasic : whether recommendations are ignored
     isStrict : whether a given setting that the solver ignores is an error; if not, it is left out
 
-    Raises SceneError if a recommendation is invalid, InputError for such an error.
+    Raises SceneError if a recommendation is invalid, InputError if a given setting is ignored.
     """
     recommended = {} if isBasic else recommended_values(simulation.source)
     if not isStrict:

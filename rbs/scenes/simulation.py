@@ -218,7 +218,7 @@ class Beside:
 
     ours : until the two differ, each of its steps begins with the student's state
     difference : their first `Difference`, or None
-    remark : what is allowed for, or ""
+    remark : a slip of theirs that is allowed for, or ""
     """
 
     def __init__(self, ours, theirs):
