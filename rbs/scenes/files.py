@@ -200,6 +200,8 @@ def partial_path(path):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if os.path.exists(target) and not os.path.isfile(target):
         return target
+    if not target.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, f"there is no folder {Path(path).parent}", str(path))
     for number in chain([""], count(2)):
         partial = target.with_name(f"{target.stem}.part{number}{target.suffix}")
         with suppress(FileExistsError), named_errors(path):
