@@ -37,7 +37,8 @@ from rbs.geometry.vectors import indices
 # iterations. Rounding can make GJK cycle; the facets decide pairs that it leaves open.
 GJK_PROGRESS = 1e-12
 GJK_ITERATIONS = 48
-# Most distances of faces and vertices for which `nearest_facet` is faster than `find_facets`.
+# Number of distances between faces and vertices up to which `nearest_facet` is faster than
+# `find_facets`.
 FEW_DISTANCES = 30_000
 
 _ZERO = np.zeros((1, 3))
@@ -46,8 +47,9 @@ _ZERO.setflags(write=False)
 NO_COLLISION = (False, 0.0, _ZERO, _ZERO)
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-# Row indices of the only pair in a `HullSet` of two, and the sets of recent pairs at rest.
+# Indices of the only pair in a `HullSet` of two.
 PAIR = np.array([0]), np.array([1])
+# The sets of recent pairs, not rotated.
 _hull_set = lru_cache(maxsize=1024)(hulls.HullSet)
 
 

@@ -93,9 +93,9 @@ def run_timestep(
         meshes[m1] and rest vertex v2 of meshes[m2] is ≤ refValue if upper, otherwise ≥ refValue, a
         length ≥ 0
     maxIterations : most constraint visits, by default 1000; each constraint is visited at least
-        once. All constraints count, in order, as in the coursework's text. The report counts visits
-        that are made: calls of `resolve_position_constraint`, each followed by one of
-        `resolve_velocity_constraint` if it corrects
+        once. Visits count as in the coursework's text, also those that a schedule can omit. The
+        report counts only those that are made: calls of `resolve_position_constraint`, each
+        followed by one of `resolve_velocity_constraint` if it corrects
     tolerance : length by which a constraint may be violated before it is corrected, and speed at
         which its distance may then still change; by default 0.001
     others : further settings by name, see rbs/stepping/settings.py: mu, as for `resolve_collision`;

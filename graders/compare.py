@@ -130,7 +130,8 @@ def make_parser():
     for option, default in (("time-step", TIME_STEP), ("restitution", RESTITUTION)):
         text = BY_OPTION[option]
         form = {"type": option_type(text.parsed), "default": default}
-        add(f"--{option}", metavar="X", help=f"{text.help} (default: {default})", **form)
+        text = text.help.partition(". ")[0]
+        add(f"--{option}", metavar="X", help=f"{text} (default: {default})", **form)
     text = "parameters of the student's run_timestep"
     add("--set", metavar="NAME=VALUE,...", type=option_type(own_parameters), help=text)
     add_limit_arguments(parser)

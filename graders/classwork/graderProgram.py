@@ -68,10 +68,12 @@ NEXT |= {"ResolveCollisionsGrading": "Constraints.py", "Constraints": "compare.p
 
 
 def what_next(grader, grade):
-    """Names the function to write or correct next, with its marks, or else the next program."""
+    """Names what to write or correct next, a function with its marks, or else the next program."""
     wrong = [one.part.split()[0] for one in grade.quantities if not one.isRight]
     if not wrong:
         return [f"Next: {NEXT[grader.module]}"]
+    if any(text.startswith("cannot be imported") for _names, text in grade.notes):
+        return ["Next: correct what keeps RBSFunctions.py from being imported"]
     return [f"Next: {wrong[0]}" + (f", {SCHEME[wrong[0]]} marks" if wrong[0] in SCHEME else "")]
 
 

@@ -58,11 +58,11 @@ def find_submissions(paths):
     """Returns the list of HandIn in these paths, each a submission or a folder of submissions.
 
     A submission is a ZIP, or a folder with RBSFunctions.py in it or in its `code`, and one more
-    submission in it at most. In any other folder, each ZIP and each folder is one. Raises
-    SubmissionError.
+    submission in it at most; the file stands for its folder. In any other folder, each ZIP and each
+    folder is one. Raises SubmissionError.
     """
     found, handIns = [], {}
-    for path in map(Path, paths):
+    for path in map(_without_file, paths):
         path = path.resolve() if path.is_symlink() else path  # the marker's own
         hasCode = _has_code(path) or _has_code(path / "code")
         rest = [one for one in path.glob("*") if one.name != "code"]
@@ -87,6 +87,12 @@ def find_submissions(paths):
         one.remarks += [f"there is another hand-in of this name, {stem}"] * (count > 1)
         handIns[one.name.lower()] = one
     return list(handIns.values())
+
+
+def _without_file(path):
+    """The path, or the folder of an RBSFunctions.py."""
+    isCode = re.fullmatch(r"rbsfunctions.*\.py", Path(path).name.lower()) and Path(path).is_file()
+    return Path(path).parent if isCode else Path(path)
 
 
 def _inside(folder):
@@ -155,7 +161,7 @@ def read(handIn):
 
 def read_submission(path):
     """Reads a path that is one submission; returns its HandIn. Raises SubmissionError."""
-    handIn = HandIn(find_submissions([path])[0].name, Path(path).resolve())
+    handIn = HandIn(find_submissions([path])[0].name, _without_file(path).resolve())
     read(handIn)
     if handIn.problem:
         raise SubmissionError(f"{path}: {handIn.problem}")

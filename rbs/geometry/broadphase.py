@@ -20,7 +20,7 @@ from rbs.geometry.vectors import indices, ranges, take
 GRID_SHRINK = 1 / 8
 # Number of bodies up to which all pairs of boxes are compared; beyond, that takes more time.
 FEW = 64
-# Number of cells from the origin beyond which boxes count as in the outermost ones. With less,
+# Distance from the origin, in cells, beyond which boxes belong to the outermost cells. With less,
 # those are crowded; with far more, the numbers of columns overflow.
 FAR = 1_000_000
 # Margin of a body's reach, as a fraction of the largest side of its box. With more, more pairs are

@@ -1,9 +1,9 @@
 """Lowest vertices of hulls along directions, looked up by cells of directions.
 
 A direction in the frame of a hull, as long as its largest component is 1, ends on the surface of a
-cube, which is divided into CELLS³ cells. Of each hull, a table has the vertices that can be lowest
-along directions that end in a cell: about two, of 8 or of 40. Only their heights are computed, with
-the bits that they would have among all.
+cube, which is divided into CELLS³ cells. For each cell, a hull's table lists the vertices that can
+be lowest along directions that end in it: about two, of 8 or of 40. Only their heights are
+computed, with the same bits as if all were.
 """
 
 from functools import lru_cache
@@ -17,13 +17,13 @@ from rbs.geometry.vectors import blocks, dot, indices, joined, ranges, row_minim
 # Cells along an edge of the cube. With more, fewer vertices are compared, and tables take longer to
 # make and leave the processor's cache.
 CELLS = 10
-# Cell after the others, which has all vertices; a hull has as many cells and this one.
+# Index of the cell after the others, which lists all vertices; each hull has ALL + 1 cells.
 ALL = CELLS**3
-# Height over the lowest vertex up to which a cell has the others, as a fraction of the radius: far
-# more than FEATURE_TOLERANCE, which is of both bodies of a pair. With more, more are compared.
+# Height above the lowest vertex up to which a cell lists others, as a fraction of the radius: far
+# more than FEATURE_TOLERANCE times the size of a pair. With more, more vertices are compared.
 MARGIN = 1e-6
-# Vertices that most cells have at most. With more, more heights are computed; with less, more
-# directions are looked at twice.
+# Number of vertices that most cells do not exceed. With more, more heights are computed; with less,
+# more directions are looked up twice.
 WIDTH = 4
 
 

@@ -92,7 +92,7 @@ def row_minima(values, count):
     row, least = np.arange(len(count)).repeat(count), np.full(len(count), np.inf)
     np.minimum.at(least, row, values)  # faster than `reduceat` for a few values per row
     equal, index = indices(values == take(least, row))[::-1], np.zeros(len(count), dtype=np.intp)
-    index[take(row, equal)] = equal  # the last one counts, which is the first
+    index[take(row, equal)] = equal  # reversed: the first one is assigned last
     return least, index
 
 

@@ -30,8 +30,9 @@ class Kind:
 # What follows a contact.
 CONTACT_PARTS = (Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION)
 # What an event holds of each body: attributes of a mesh, with their shapes. Tensors are in body
-# axes. No step changes those of KEPT.
-SHAPES = STATE_WIDTHS | {"invMass": (), "IT": (3, 3), "invIT": (3, 3)}
+# axes; isTurnedBack tells whether the mesh turns them to world axes as the release does. No step
+# changes those of KEPT.
+SHAPES = STATE_WIDTHS | {"invMass": (), "IT": (3, 3), "invIT": (3, 3), "isTurnedBack": ()}
 KEPT = "isFixed", "invMass", "IT", "invIT"
 
 
@@ -143,13 +144,15 @@ class Watch:
 
 
 def world_inertia(state):
-    """Returns R I⁻¹ Rᵀ (3, 3) of a `BodyState`."""
+    """Returns R I⁻¹ Rᵀ (3, 3) of a `BodyState`, or Rᵀ I⁻¹ R if it is turned back."""
     R = np.reshape(rotation_matrices(state.orientation), (3, 3))
+    R = R.T if state.isTurnedBack else R
     return R @ state.invIT @ R.T
 
 
 def applied_impulse(before, after):
-    """Returns the impulse (3,) on body 2, by the change of a linear velocity, its own if it moves.
+    """Returns the impulse (3,) on body 2, from the change of its linear velocity, or of that of
+    body 1 if body 2 is immovable.
 
     before, after : `BodyState` of both
     """

@@ -8,6 +8,7 @@ import inspect
 import re
 from contextlib import suppress
 from functools import cache, partial
+from itertools import islice
 from pathlib import Path
 from types import FunctionType
 from typing import NamedTuple
@@ -16,15 +17,16 @@ import numpy as np
 
 from rbs.glass import model
 from rbs.glass.events import Kind
-from rbs.glass.terms import STATE_SYMBOLS, computed
+from rbs.glass.terms import STATE_SYMBOLS, computed, terms
 from rbs.glass.trace import differs
 
+POSITION = "resolve_position_constraint"
 # The formulas that the mistakes in a function are edits of.
 FORMULAS = {
     "integrate_timestep": "step integration further_integration",
     "get_rotated_inv_IT": "world_inverse_tensors",
     "resolve_collision": "collide pair_of further_resolution world_inverse_tensors",
-    "resolve_position_constraint": "move holds flag_of constrained_points",
+    POSITION: "move holds flag_of constrained_points",
     "resolve_velocity_constraint": "stop is_slow flag_of constrained_points world_inverse_tensors",
     "friction": "rub world_inverse_tensors",
 }
@@ -100,7 +102,7 @@ MADE_BY = {
     Kind.CORRECTION: {"resolve_collision": "COM"},
     Kind.IMPULSE: {"resolve_collision": "v ω"},
     Kind.FRICTION: {"friction": "v ω"},
-    Kind.CONSTRAINT: {"resolve_position_constraint": "COM", "resolve_velocity_constraint": "v ω"},
+    Kind.CONSTRAINT: {POSITION: "COM result", "resolve_velocity_constraint": "v ω"},
 }
 
 
@@ -109,10 +111,14 @@ def mistake_in(event, events):
 
     events : of the step, by the same functions
     """
-    alike = [one for one in events if one.kind == event.kind and not one.given.get("isValid")]
-    alike = [event, *(one for one in alike[:MOST_EVENTS] if one is not event)]
-    found = []
+    kin, found = (
+        [event, *(one for one in events if one.kind == event.kind and one is not event)],
+        [],
+    )
     for function, symbols in MADE_BY.get(event.kind, {}).items():
+        # no velocity is corrected where the position was found valid
+        alike = (one for one in kin if function == POSITION or not one.given.get("isValid"))
+        alike = list(islice(alike, MOST_EVENTS))
         differ = [one for one in alike if not _fits(one, symbols, function, ())]
         if differ and differ[0] is event:
             rows = mistakes_of(function)
@@ -127,6 +133,8 @@ def _fits(event, symbols, function, edits):
     """Whether edited formulas lead to these symbols of both bodies after an event."""
     with suppress(Exception), np.errstate(all="ignore"):  # edits may make no sense here
         after = computed(event, edited(function, edits))
+        if "result" in symbols and after["result"] != terms(event)["result"]:
+            return False
         for k, state in zip("12" if len(event.after) == 2 else [""], event.after, strict=True):
             for symbol, value in zip(STATE_SYMBOLS, state[:4], strict=True):
                 isTold = state.invMass and symbol in symbols.split()

@@ -15,7 +15,7 @@ import numpy as np
 UP = np.array([[0.0, 1.0, 0.0]])
 GRAVITY = -9.8 * UP  # m/s²
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # axes after and before each, in a circle
-INERTIA_DIVISOR = 6  # by what the inertia tensor of the 2024 release is too small
+INERTIA_DIVISOR = 6  # factor by which the inertia tensor of the 2024 release is too small
 
 
 def dot(a, b):

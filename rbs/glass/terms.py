@@ -40,6 +40,8 @@ def terms(event):
     The symbols are in the order in which they are computed.
     """
     found, kept = computed(event), None
+    if "isValid" in event.given:
+        found["result"] = _verdict(event.given, event.given["isValid"])
     if event.given.get("isValid"):
         kept = OF_VALID
     elif event.kind == Kind.FLIGHT and np.any(found["ω"] != event.after[0].angVelocity):
@@ -106,7 +108,7 @@ def _two(event, formulas):
             T = world_inertia(state)[None]
         elif state.invMass:
             body = Body(1.0 / state.invMass, np.zeros(3), np.linalg.inv(state.invIT))
-            T = formulas["world_inverse_tensors"](body, q)
+            T = formulas["world_inverse_tensors"](body, q, isReleased=bool(state.isTurnedBack))
         columns.append((x, q, v, w, float(state.invMass), T))
     return model.Pair(*zip(*columns, strict=True))
 
@@ -160,16 +162,20 @@ def _friction(pair, given, formulas, _sign):
     return found | _ends("v ω", *zip(*after, strict=True))
 
 
+def _verdict(given, isValid):
+    kind = "upper bound" if given["upper"] else "lower bound"
+    return f"{kind} {'holds' if isValid else 'violated'}"
+
+
 def _constraint(pair, given, formulas, _sign):
     p1, p2 = (np.reshape(one, (1, 3)) for one in given["points"])
     bound = np.array([given["refValue"]]), given["upper"], given["tolerance"], []
-    _flags, x, (n, length, C) = formulas["move"](pair, p1, p2, *bound)
+    (wasValid,), x, (n, length, C) = formulas["move"](pair, p1, p2, *bound)
     Jv, v, w, (r1, r2, a1, a2, K, impulse) = formulas["stop"](pair, p1, p2)
     if isSlow := formulas["is_slow"](Jv, given["tolerance"]):
         v, w = pair.v, pair.w
     found = {"p1": p1, "p2": p2, "‖p1−p2‖": length, "refValue": given["refValue"], "C": C}
-    kind = "upper bound" if given["upper"] else "lower bound"
-    found["result"] = f"{kind} {'holds' if given['isValid'] else 'violated'}"
+    found["result"] = _verdict(given, wasValid)
     found |= {"tolerance": given["tolerance"], "n": n, "r1": r1, "r2": r2}
     found |= _shares(pair) | _ends("COM", x)
     for k, r, own, spin in zip("12", (r1, r2), pair.v, pair.w, strict=True):

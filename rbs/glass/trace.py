@@ -126,15 +126,16 @@ def both(ours, theirs, names=OURS_AND_THEIRS):
 
 
 def deviations(event, own=None):
-    """Returns the symbols whose values differ from those of our formula, by what the call did.
+    """Returns the symbols for which the effect of the call differs from our formula.
 
     own : our event, from the same start; by default, the formula is that of the event itself
 
-    If the states after an event agree, there are none: a small impulse and its K are rounding.
+    If the states after an event agree, there are none: a small impulse and its K are rounding. If
+    only one of the two found a bound violated, they share few symbols, and the result differs.
     """
     ours, theirs = terms(own or event), values(event)
-    found = [s for s, value in ours.items() if s not in theirs or differs(value, theirs[s])]
-    tellsStates = any("′" in symbol for symbol in ours)
+    found = [s for s, value in ours.items() if s in theirs and differs(value, theirs[s])]
+    tellsStates = any("′" in symbol for symbol in ours) and ours.keys() == theirs.keys()
     return found if not tellsStates or any("′" in symbol for symbol in found) else []
 
 
@@ -186,7 +187,6 @@ def first_difference(ours, theirs, meshes):
 def term_lines(own, other, showsAll=True, names=OURS_AND_THEIRS, digits=DIGITS):
     """Returns lines with the terms of our formula for an event, or only those that differ."""
     others, lines, wrong = values(other), [], deviations(other, own)
-    wrong = [symbol for symbol in wrong if symbol in others] or wrong
     for symbol, value in terms(own).items():
         line = f"{f'  {symbol:<22}' if showsAll else symbol} {shown(value, symbol, digits)}"
         if symbol in wrong:

@@ -1,8 +1,8 @@
 """Graphics backends of this machine: a window, off-screen pictures, or nothing.
 
 Polyscope is tried out in a separate process. On a display without GLX or driver, opening its window
-ends the process with a segmentation fault. Last, what Polyscope has no function for: `clip_drawing`
-draws only a part of the window, by OpenGL's scissor test, and `fit_window`.
+ends the process with a segmentation fault. At the end stand two functions that Polyscope lacks:
+`clip_drawing`, which draws only a part of the window, by OpenGL's scissor test, and `fit_window`.
 """
 
 import ctypes
@@ -12,6 +12,8 @@ import sys
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
+
+from rbs.scenes.messages import pip_install
 
 WINDOW_BACKEND = "openGL3_glfw"
 OFFSCREEN_BACKEND = "openGL3_egl"
@@ -39,7 +41,7 @@ except Exception as error:
 
 @dataclass
 class Backend:
-    """What draws: Polyscope's name of it, or None; why no window or nothing opens; and advice."""
+    """A way to draw: Polyscope's name of it, or None; why no window, or nothing, opens; advice."""
 
     name: str | None
     reason: str = ""
@@ -65,7 +67,7 @@ def find_backend(window):
             return Backend(name, "; ".join(reasons))
         reasons.append(failure)
     if "No module named" in reasons[-1]:
-        return Backend(None, reasons[-1], "Install it: pip install polyscope")
+        return Backend(None, reasons[-1], "Install it: " + pip_install("polyscope"))
     remedy = "Update the graphics driver"
     if onLinux:
         remedy = f"On Debian or Ubuntu, apt-get install {DEBIAN_PACKAGES} provides OpenGL"

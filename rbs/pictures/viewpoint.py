@@ -18,7 +18,7 @@ from rbs.scenes.files import atomic_write
 STEEPEST = 0.99
 # Directions to the camera from the front, the right and above.
 FRONT, SIDE, TOP = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 1e-3)
-# How many times as large as a selected body what is shown of it and around it.
+# Size of the region that is framed around a selected body, in sizes of the body.
 AROUND_BODY = 3.0
 # Least height of the camera above the ground, as a fraction of the scene's size.
 LOWEST_EYE = 0.01
@@ -180,7 +180,7 @@ class Viewpoint:
 
     def set_picture(self, box, size, above=0, below=0):
         """Sets the box (left, top, width, height) beside the panels of a window of this size, and
-        how much messages cover at its top and bottom; what the camera is pointed at is seen there.
+        how much messages cover at its top and bottom; the camera's target is seen in the rest.
         """
         left, top, width, height = box
         right, bottom = np.subtract(size, (left + width, top + height))
@@ -200,14 +200,14 @@ class Viewpoint:
             clip_drawing((*(scale * corner), *np.ceil(scale * (width, height))))
 
     def _off_centre(self, camera):
-        """Way (3,) from the camera's centre to what is in the middle between the panels."""
+        """Shift (3,) from the camera's centre to the point in the middle between the panels."""
         left, top, right, bottom = self._room()
         pixel = camera.pixel_angle(self._windowSize) * np.linalg.norm(camera.centre - camera.eye)
         return 0.5 * pixel * np.array([left - right, bottom - top, 0.0]) @ camera.axes
 
     @contextmanager
     def whole_width(self):
-        """Draws behind the panels too, within the `with` block, around what is between them."""
+        """Draws behind the panels, too, in the `with` block, around the picture between them."""
         self.clip(False)
         try:
             with kept_camera() as camera:

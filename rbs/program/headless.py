@@ -59,7 +59,10 @@ def trace_step(simulation, step, body=None):
         failure = str(error)
     lines = trace_lines(events, simulation.meshes, index)
     if not (lines or failure):
-        lines = [f"no events{f' of body {body}' * bool(body)} in step {step}"]
+        whose = "" if index is None else f" of {simulation.meshes[index].name}"
+        if index is not None and simulation.meshes[index].isFixed:
+            whose += ", which is fixed,"
+        lines = [f"no events{whose} in step {step}"]
     for line in lines:
         show(line)
     print_error(failure)
@@ -137,7 +140,7 @@ def summarise(simulation, run, begin):
 
 
 def state_summary(simulation):
-    """Returns what there is to say of a simulation at present: dict of texts."""
+    """Returns the present state of a simulation in words: dict from row to text."""
     fixedCount = sum(mesh.isFixed for mesh in simulation.meshes)
     constraints, kept = "none", "ignored"
     if simulation.constraints:

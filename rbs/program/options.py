@@ -8,7 +8,7 @@ from rbs.appearance.camera import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.drawing import picture_options
 from rbs.pictures.overlays import OVERLAYS
-from rbs.program.parsing import OneLineParser, number_type, option_type, path_of
+from rbs.program.parsing import OneLineParser, choice_type, number_type, option_type, path_of
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import plain_number
@@ -84,8 +84,8 @@ class Option:
         """Adds it to an argparse group."""
         form = {"help": self.help, "action": "store_const", "const": self.parse}
         if self.value:
-            what = "type" if callable(self.parse) else "choices"
-            form = {"help": self.help, "metavar": self.value, what: self.parse}
+            parse = self.parse if callable(self.parse) else choice_type(self.parse)
+            form = {"help": self.help, "metavar": self.value, "type": parse}
         if self.name == "--show":
             form["action"] = "append"
         group.add_argument(self.name, dest=self.dest, **form)
@@ -119,9 +119,9 @@ GROUPS = {
     "a student's functions": (
         Option(
             "--functions DIR",
-            "let this project's run_timestep call the functions and the methods of Mesh in the "
-            "RBSFunctions.py in DIR, such as a student's, which runs with your rights, and name "
-            "their first difference from this project's",
+            "run the functions and the methods of Mesh in DIR/RBSFunctions.py, such as a "
+            "student's, from this project's run_timestep, and name their first difference from "
+            "this project's. They run with your rights",
         ),
     ),
     "simulation": (
@@ -171,8 +171,8 @@ GROUPS = {
         ),
         _drawn(
             "--look NAME",
-            "of --screenshots and --video: plain, as in the window; or studio, with sky light and "
-            "soft shadows, which takes seconds per picture (default: plain)",
+            "look of --screenshots and --video: plain, as in the window; or studio, with sky light "
+            "and soft shadows, which takes seconds per picture (default: plain)",
             LOOKS,
             needs=DRAWINGS,
         ),
@@ -186,7 +186,7 @@ GROUPS = {
         ),
         _drawn(
             "--show NAME",
-            f"an overlay, with a blank in quotes; may be given again: {', '.join(OVERLAYS)}",
+            f"overlay; may be repeated; quote a name with a blank: {', '.join(OVERLAYS)}",
             [*OVERLAYS],
             "overlays",
         ),
@@ -281,6 +281,6 @@ def is_without_window(options):
 
 
 def given_values(options, names):
-    """Returns the options that are given among some, such as SETTINGS: dict by attribute."""
+    """Returns those of the `names`, such as SETTINGS, that are given: dict by attribute."""
     values = {name: getattr(options, name, None) for name in names}
     return {name: value for name, value in values.items() if value is not None}

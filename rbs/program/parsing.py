@@ -20,7 +20,7 @@ class OneLineParser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile("-[.]?[0-9]")
 
     def error(self, message):
-        unknown = re.search(r"unrecognized arguments: (--[^ =]+)", message)
+        unknown = re.search(r"unrecognized arguments: (-[^ =]+)", message)
         similar = unknown and get_close_matches(unknown[1], self._option_string_actions, 1, 0.7)
         if similar and similar[0] != unknown[1]:  # which may stand after "--"
             message += f"; did you mean {similar[0]}?"
@@ -37,6 +37,17 @@ def option_type(read):
             raise argparse.ArgumentTypeError(str(error)) from None
 
     return parse
+
+
+def choice_type(names):
+    """Returns an argparse type of texts that are among some names."""
+
+    def read(text):
+        if text not in names:
+            raise ValueError(f"must be one of {', '.join(names)}, not '{short(text)}'")
+        return text
+
+    return option_type(read)
 
 
 def number_type(kind, low, high=MOST_STEPS):

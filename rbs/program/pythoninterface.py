@@ -41,12 +41,14 @@ class Simulation(Results, SceneSimulation):
     constraintPath : by default, the constraint file that belongs to the scene by its name, if any
     recommended : False ignores what the scene recommends
 
-    Attributes: meshes, a new list once bodies were added or removed; what is assigned to a body,
-    such as `mesh.linVelocity`, counts from the next step on, and is recorded; a name that a Mesh
-    does not have is refused by that step, because a check of each assignment would slow all steps.
-    constraints, rows [m1, v1, m2, v2, refValue, upper]. settings, which may be changed between
-    steps by `settings.change(name, value)`. recommended, the recommended settings that are used.
-    stepCount and time in s, since the start. report, of the last step, or None.
+    Attributes: meshes, a new list once bodies were added or removed; constraints, rows [m1, v1, m2,
+    v2, refValue, upper]; settings, which may be changed between steps by `settings.change(name,
+    value)`; recommended, the recommended settings that are used; stepCount and time in s, since the
+    start; report, of the last step, or None.
+
+    Values assigned to a body, such as `mesh.linVelocity`, act from the next step on, and are
+    recorded. That step refuses a name that a Mesh does not have, because a check of each assignment
+    would slow all steps.
 
     The methods below take a body as a Mesh of `meshes`, or its index, and act before the next step.
     They raise ValueError if the body is not in the simulation, or a number is wrong.
@@ -165,10 +167,10 @@ class Simulation(Results, SceneSimulation):
 
     @contextmanager
     def record(self, path: str | Path) -> Iterator[Self]:
-        """Returns a context in which the present state and each step are recorded.
+        """Returns a context in which the present state, each step, and all changes, by methods or
+        by assignment, are recorded.
 
-        So is what is changed by hand, by methods or by assignment. The program replays, resumes and
-        verifies the file, which `open` opens.
+        The program replays, resumes and verifies the file; `open` opens it.
 
         Raises OSError if the file cannot be written, ValueError if its name does not end in .h5 or
         .hdf5.

@@ -130,8 +130,8 @@ class _Stream:
 
 @contextmanager
 def at_home(folder):
-    """Lets a student's code run in its folder, and gives back what a process has only one of: the
-    working folder, the streams, and NumPy's errors. `os._exit` raises SystemExit meanwhile.
+    """Lets a student's code run in its folder, and then restores the process's working folder,
+    streams and NumPy errors. Meanwhile, `os._exit` raises SystemExit.
     """
     before, leave, process = os.getcwd(), os._exit, os.getpid()
     streams = {name: getattr(sys, name) for name in STREAMS}

@@ -116,11 +116,14 @@ class SubmittedSteps:
         return ""
 
     def is_turned_back(self, meshes):
-        """Whether their tensors in world axes are Rᵀ I⁻¹ R, as in the release's solution."""
+        """Whether their tensors in world axes are Rᵀ I⁻¹ R, as in the release's solution; the
+        events of their steps tell it from now on.
+        """
         with suppress(Exception, SystemExit), submissions.at_home(self.folder):  # told where needed
             for mesh in filter(lambda one: not one.isFixed, map(copy.copy, meshes)):
                 mesh.orientation, mesh.__class__ = TURN, self._Mesh
                 if is_turned_back(mesh.invIT, mesh.get_rotated_inv_IT()):
+                    self._Mesh.isTurnedBack = True
                     return True
         return False
 
@@ -156,11 +159,11 @@ class SubmittedSteps:
 
     @contextmanager
     def lend(self, function, *meshes):
-        """Yields meshes of the student's class in the state of ours, which then takes over theirs.
+        """Yields meshes of the student's class in the state of ours; then, ours take over theirs.
 
-        Each mesh of ours has one of theirs, so that what they keep there lasts until somebody fixes
-        or frees it. What they do not change is not set again.
-        function : name of theirs that has them. Raises TypeError if it leaves no such state
+        Each mesh of ours has one of theirs, so that attributes of the student's last until somebody
+        fixes or frees it. Attributes that they leave alone are not set again.
+        function : name of theirs that gets them. Raises TypeError if it leaves no such state
         """
         theirs, before = [], []
         for mesh in meshes:

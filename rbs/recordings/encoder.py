@@ -56,7 +56,7 @@ class Video(FileWriter):
         self._send(1)
 
     def film(self, seconds):
-        """Takes what is seen, so many seconds after the first frame: as often as frames are due.
+        """Takes the present view, seconds after the first frame, as often as frames are due.
 
         Raises OSError as `add` does.
         """

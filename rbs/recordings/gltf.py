@@ -84,7 +84,7 @@ class _Document:
     def mesh(self, colour, key, points, normals, corners):
         """Adds a matt mesh of an sRGB colour; returns its index.
 
-        key : of what is stored once: points (C, 3), normals (C, 3) or None, and faces (F, 3)
+        key : of the points (C, 3), normals (C, 3) or None, and faces (F, 3), which are stored once
         """
         gltf, document = self._gltf, self.document
         if key not in self._parts:

@@ -68,8 +68,8 @@ class FileWriter(Writer):
         self.path, self.partial = self.partial, None
 
     def kept(self):
-        """Returns what there is of a run that broke off, in a few words."""
-        return "what there is of the run that broke off is"
+        """Returns in a few words what an unfinished file has of the run."""
+        return "the unfinished run is"
 
     def close(self):
         """Ends a file that was not saved, and removes it. Does nothing after `save`."""

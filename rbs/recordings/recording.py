@@ -71,9 +71,9 @@ EVENT = np.dtype("S120")
 SERIES = {name: ("<f8", None, one.stop - one.start) for name, one in COLUMNS.items()}
 SERIES |= {"events": (EVENT,), "solverStates": ("u1",)}
 LAST_SERIES = {"solverIndex": ("<i8", 3), "times": ("<f8",)}
-# Bytes by which the file is longer than its content, so that on a full disk what is pending can
-# still be written, and HDF5's own tables and chunks that are not full yet besides. More bytes are
-# written in each flush; with fewer, there are more flushes.
+# Bytes by which the file is longer than its content, so that pending rows can still be written on a
+# full disk; and the same for HDF5's own tables, and for chunks that are not full yet. With more,
+# each flush writes more; with fewer, there are more flushes.
 PENDING_BYTES, SPARE_BYTES = 1 << 20, 1 << 20
 # Characters, the most that are quoted of a library's message about a damaged file.
 QUOTE_LENGTH = 80
@@ -228,7 +228,7 @@ class Recorder(FileWriter):
 
     @classmethod
     def close_all(cls):
-        """Ends what is still recorded when the program ends, as by a generator that goes on."""
+        """Ends recordings that are open as the program ends, such as in a suspended generator."""
         for one in list(cls._open.values()):
             one.close()
 
@@ -281,7 +281,7 @@ class Recorder(FileWriter):
     def _reserve(self, size):
         """Makes the file so many bytes longer than its content, and SPARE_BYTES for HDF5's tables.
 
-        HDF5 crashes if one of its writes fails. Raises OSError, which says what the file has.
+        HDF5 crashes if one of its writes fails. Raises OSError, which names the steps in the file.
         """
         try:
             with open(self.partial, "rb+") as file:

@@ -17,7 +17,7 @@ from pathlib import Path
 from rbs.scenes.messages import InputError, counted, one_line, short
 
 RECORDING_ENDINGS = (".h5", ".hdf5")
-# How files begin that come under another's name, and what they are.
+# Beginnings of files that bear the name of another kind, and what these files are.
 STRAYS = {
     b"version https://git-lfs": "a pointer of Git LFS; git lfs pull fetches the file itself",
     b"<!doctype html": "a page of HTML",
@@ -107,12 +107,12 @@ class LineReader:
 
     def __init__(self, path, fieldsOf=lambda line: line.split("#", 1)[0].split(), text=None):
         """text : content of the file, or None to read it. Raises SceneError."""
-        self.path, self.lineNumber = path, None
+        self.path, self.lineNumber, self._line = path, None, ""
         self._rest = []  # fields of the current line that `field` has not returned yet
         text = io.StringIO(read_text(path) if text is None else text, newline=None)
-        lines = [(number, fieldsOf(line)) for number, line in enumerate(text, start=1)]
-        # numbers and fields of the lines that are left and not blank, the last one first
-        self._lines = [(number, fields) for number, fields in lines[::-1] if fields]
+        lines = [(number, line, fieldsOf(line)) for number, line in enumerate(text, start=1)]
+        # number, text and fields of the lines that are left and not blank, the last one first
+        self._lines = [line for line in lines[::-1] if line[2]]
         if not self._lines:
             raise self.error("the file is empty")
 
@@ -132,14 +132,14 @@ class LineReader:
         """
         if not self._lines:
             raise self.error(f"the file ends before {what}")
-        self.lineNumber, fields = self._lines.pop()
+        self.lineNumber, self._line, fields = self._lines.pop()
         if columns is not None and len(fields) != columns:
             raise self.wrong_width(what, columns, fields)
         return fields
 
     def wrong_width(self, what, columns, fields):
         """Returns a SceneError for a line with too many or too few fields."""
-        width, found = counted(columns, "column"), f"{len(fields)}: '{short(*fields)}'"
+        width, found = counted(columns, "column"), f"{len(fields)}: '{short(self._line)}'"
         return self.error(f"{what} must have {width}, not {found}")
 
     def field(self, what):
@@ -174,15 +174,18 @@ class LineReader:
         except ValueError:
             raise self.error(f"{what} must be a whole number, not '{short(field)}'") from None
         if value < low or (high is not None and value > high):
-            allowed = f"at least {low}" if high is None else f"between {low} and {high}"
+            allowed = f"{low} or more" if high is None else f"{low} to {high}"
+            if high is not None and high - low < 2:
+                allowed = " or ".join(map(str, range(low, high + 1)))
             raise self.error(f"{what} must be {allowed}, not {short(str(value))}")
         return value
 
     def expect_end(self, count, noun):
         """Raises SceneError unless the remaining lines are blank, after `count` of a noun."""
         if not self.at_end():
-            line = short(*self.row("the end"))
-            raise self.error(f"unexpected line after {counted(count, noun)}: '{line}'")
+            self.row("the end")
+            line, place = short(self._line), counted(count, noun)
+            raise self.error(f"unexpected line after {place}: '{line}'")
 
 
 def partial_path(path):
@@ -197,6 +200,8 @@ def partial_path(path):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if os.path.exists(target) and not os.path.isfile(target):
         return target
+    if not target.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, f"there is no folder {Path(path).parent}", str(path))
     for number in chain([""], count(2)):
         partial = target.with_name(f"{target.stem}.part{number}{target.suffix}")
         with suppress(FileExistsError), named_errors(path):

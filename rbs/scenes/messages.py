@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 
@@ -47,7 +48,26 @@ def import_optional(package, failure, Error):
     try:
         return import_module(package.replace("-", "_"))
     except ImportError:
-        raise Error(f"{failure}: {package} is missing. Install it: pip install {package}") from None
+        raise Error(
+            f"{failure}: {package} is missing. Install it: {pip_install(package)}"
+        ) from None
+
+
+def pip_install(package):
+    """Returns the command that installs a package for the Python that runs this, which need not be
+    the one whose pip the terminal finds.
+    """
+    python = Path(sys.executable or "python")
+    if python.is_relative_to(Path.cwd()):
+        python = python.relative_to(Path.cwd())
+    python = f'"{python}"' if " " in str(python) else python
+    return f"{python} -m pip install {package}"
+
+
+def did_you_mean(text, known):
+    """Returns the end of a message that names what is similar to a text, or ""."""
+    similar = " or ".join(map(short, get_close_matches(text, known)))
+    return f"; did you mean {similar}?" if similar else ""
 
 
 def print_error(message):
@@ -72,6 +92,8 @@ def one_line(text):
         return "not enough memory"
     if isinstance(text, FileExistsError):  # of what would make a folder
         return "a file, not a folder"
+    if isinstance(text, IsADirectoryError):
+        return "a folder, not a file"
     line = "".join(c if c.isprintable() else " " for c in str(getattr(text, "strerror", 0) or text))
     return line if line or isinstance(text, str) else type(text).__name__
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from rbs.stepping.settings import Settings
     from RBSFunctions import Mesh
 
-# Ten seconds with the default time step, long enough for every scene in data/ to settle.
+# Ten seconds with the default time step.
 DEFAULT_STEPS = 500
 
 

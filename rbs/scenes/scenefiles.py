@@ -9,7 +9,6 @@ import os
 import re
 import warnings
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from numbers import Real
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from numpy.typing import ArrayLike
 from rbs.geometry.triples import floats
 from rbs.scenes.files import RECORDING_ENDINGS, LineReader, SceneError, check_path, read_text
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file, warn_of_shape
-from rbs.scenes.messages import PROGRAM_NAME, short
+from rbs.scenes.messages import PROGRAM_NAME, did_you_mean, short
 from rbs.scenes.state import inertias_of, set_inertia
 from rbs.stepping.constraints import constraint_table
 from rbs.stepping.meshes import STATE_WIDTHS
@@ -65,12 +64,15 @@ def _make_bodies(reader, shapes):
     for fileName, density, isFixed, position, orientation in _rows(reader):
         path, _, scale = fileName.partition(SCALE)
         if isNew := fileName not in shapes:
-            if not os.path.exists(Path(reader.path).parent / path):
-                raise reader.error(f"no mesh file '{short(path)}' beside the scene")
-            if not path.lower().endswith(MESH_ENDINGS):
+            file = Path(reader.path).parent / path
+            if not os.path.exists(file):
+                known = sorted(one.name for one in file.parent.glob("*") if is_mesh(one.name))
+                meant = did_you_mean(file.name, known)
+                raise reader.error(f"no mesh file '{short(path)}' beside the scene{meant}")
+            if not is_mesh(path):
                 raise reader.error(f"'{short(path)}' does not have the ending of a mesh file")
             try:
-                vertices, faces, tets = load_mesh_file(Path(reader.path).parent / path)
+                vertices, faces, tets = load_mesh_file(file)
             except SceneError as error:
                 error.args = (f"{error}; named in {reader.path}:{reader.lineNumber}",)
                 raise
@@ -180,12 +182,12 @@ def _make_constraints(reader, meshes):
     for index in range(lineCount):
         row, ends = reader.row(f"constraint {index + 1} of {lineCount}", columns=6), []
         for mesh, vertex in (row[:2], row[2:4]):
-            ends.append(reader.integer(mesh, "a mesh index", 0, len(meshes) - 1))
+            ends.append(reader.integer(mesh, "the number of a body", 0, len(meshes) - 1))
             last = len(meshes[ends[-1]].currVertices) - 1
-            ends.append(reader.integer(vertex, "a vertex index", 0, last))
+            ends.append(reader.integer(vertex, "the number of a vertex", 0, last))
         m1, v1, m2, v2 = ends
         if m1 == m2:
-            raise reader.error(f"mesh {m1} cannot be linked to itself")
+            raise reader.error(f"body {m1} cannot be linked to itself")
         lower, upper = reader.numbers(row[4:], "a bound")
         if not 0.0 <= lower <= upper:
             raise reader.error(f"the bounds must be 0 ≤ lower ≤ upper, not {row[4]} and {row[5]}")
@@ -316,9 +318,8 @@ def find_scene(text, folder=None):
     if os.path.exists(path):  # path.exists() may raise
         return path
     known = [scene_name(scene) for scene in list_scenes(DATA_FOLDER)]
-    similar = " or ".join(get_close_matches(str(text).lower(), known))
-    remedy = f"did you mean {similar}?" if similar else f"{PROGRAM_NAME} --help lists the scenes"
-    raise SceneError(text, None, f"no such scene or file; {remedy}")
+    remedy = did_you_mean(str(text).lower(), known) or f"; {PROGRAM_NAME} --help lists the scenes"
+    raise SceneError(text, None, f"no such scene or file{remedy}")
 
 
 def list_scenes(folder):
@@ -330,6 +331,11 @@ def find_constraints(scenePath):
     """Returns the path NAME-constraints.txt for NAME-scene.txt, or None if it does not exist."""
     path = Path(scenePath).with_name(scene_name(scenePath) + CONSTRAINTS_ENDING)
     return path if os.path.exists(path) else None
+
+
+def is_mesh(name):
+    """Returns whether the name of a file has the ending of a mesh file."""
+    return name.lower().endswith(MESH_ENDINGS)
 
 
 def scene_name(path):

@@ -1,7 +1,7 @@
-"""The settings in words: options, --help, labels, and the settings that a scene file suggests.
+"""The settings in words: options, --help, labels, and the settings that a scene file recommends.
 
-Those stand in a comment of the scene file, which other programs ignore; the words are the names of
-command-line options without dashes:
+Recommendations stand in a comment of the scene file, which other programs ignore. The words are the
+names of command-line options without dashes:
 
     # suggests friction 0.5 restitution 0.2 scheduling queue broad-phase grid
 """
@@ -38,13 +38,11 @@ class SettingText:
         self.tooltip = tooltip[:1].upper() + tooltip[1:]
 
     def parsed(self, text):
-        """Returns the value of a text. Raises ValueError as `Setting.checked` does."""
+        """Returns the value of a text. Raises ValueError as `Setting.checked` does of the text."""
         if self.setting.kind in (float, int):
             with suppress(ValueError):
-                words = text.split(",")  # whole numbers stay so, for the message
-                kinds = (int if one.lstrip("-").isdigit() else self.setting.kind for one in words)
-                found = list(map(plain_number, words, kinds))
-                text = found if len(found) > 1 else found[0]
+                found = [plain_number(word, self.setting.kind) for word in text.split(",")]
+                return self.setting.checked(found if len(found) > 1 else found[0])
         return self.setting.checked(text)
 
     def shown(self, settings):
@@ -215,7 +213,7 @@ def apply_settings(simulation, given, isBasic=False, isStrict=True):
     isBasic : whether recommendations are ignored
     isStrict : whether a given setting that the solver ignores is an error; if not, it is left out
 
-    Raises SceneError if a recommendation is invalid, InputError for such an error.
+    Raises SceneError if a recommendation is invalid, InputError if a given setting is ignored.
     """
     recommended = {} if isBasic else recommended_values(simulation.source)
     if not isStrict:

@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
 
 TURNED_BACK = "get_rotated_inv_IT gives Rᵀ I⁻¹ R, but R I⁻¹ Rᵀ is right; allowed for"
-# The orientation in which a tensor is compared: by an angle of which no small multiple is a circle,
-# so that R², Rᵀ and R³ differ.
+# The orientation in which tensors are compared. No small multiple of its angle is a full turn, so
+# that R², Rᵀ and R³ differ.
 TURN = np.array([[0.9, 0.1, -0.3, 0.3]])
-# What is called otherwise elsewhere.
+# Names in other programs, and ours.
 MEANT = {
     **dict.fromkeys(("velocity", "linearVelocity", "vel", "v"), "linVelocity"),
     **dict.fromkeys(("angularVelocity", "omega", "spin", "w"), "angVelocity"),
@@ -218,7 +218,7 @@ class Beside:
 
     ours : until the two differ, each of its steps begins with the student's state
     difference : their first `Difference`, or None
-    remark : what is allowed for, or ""
+    remark : a slip of theirs that is allowed for, or ""
     """
 
     def __init__(self, ours, theirs):
@@ -289,6 +289,8 @@ def turned_back(Mesh):
     """Returns a subclass of our Mesh whose tensor is turned as the release's."""
 
     class TurnedBack(Mesh):
+        isTurnedBack = True
+
         def get_rotated_inv_IT(self):
             return in_world_axes(Q2RotMatrix(self.orientation), self.invIT, True)
 

@@ -88,7 +88,7 @@ def set_inertia(mesh, numbers):
 
 
 def set_numbers(meshes, rows):
-    """Gives meshes their rows of `rows_of`, but for what has the same bits already."""
+    """Gives meshes their rows of `rows_of`, except numbers that have the same bits already."""
     isOther = differing_bits(rows, rows_of(meshes))
     for b in np.flatnonzero(isOther.any(axis=1)).tolist():
         for name, columns in zip(STATE_WIDTHS, COLUMNS.values(), strict=True):
@@ -197,7 +197,7 @@ def removed_from(before, after):
 def changes_since(known, run):
     """Returns the list of Changes that lead from a `State` to the present one of the same run.
 
-    Raises ValueError or TypeError, naming the body, if what was assigned is no such number.
+    Raises ValueError or TypeError, naming the body, if something invalid was assigned.
     """
     meshes, removed = run.meshes, removed_from(known.meshes, run.meshes)
     found = [Change("remove", b) for b in removed]

@@ -28,8 +28,8 @@ SLEEP_SECONDS = 0.5
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
-# Most sweeps where bounces lose no energy. With fewer, balls lose energy whose points are near each
-# other.
+# Most sweeps where bounces lose no energy. With fewer, balls whose points are near each other lose
+# some.
 MOST_SWEEPS = 200
 
 
@@ -103,8 +103,8 @@ class SoftContacts(PlacedManifolds):
         square of how much more even they are. With more, heavy bodies sink into light ones; with
         less, they push them about.
 
-        What rests on a light body presses it on its supports, too: counts the heaviest of those
-        that touch either body. What sleeps weighs as much as what is awake.
+        What rests on a light body presses it on its supports, too, so the heaviest of the bodies
+        that touch either one counts. What sleeps weighs as much as what is awake.
 
         invMass : (n + 1,), of all bodies
         """

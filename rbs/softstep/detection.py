@@ -24,9 +24,9 @@ KEEP = 0.03
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
 # time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
 MARGIN = 0.01
-# Near pairs are looked up for so many steps at the present velocities, and for ways of so much of a
-# radius besides. With more, more pairs are compared in each step; with less, they are looked up
-# more often.
+# Near pairs are looked up for this many steps ahead at the present velocities, and for further ways
+# of this fraction of a radius. With more, more pairs are compared in each step; with less, they are
+# looked up more often.
 AHEAD, ASIDE = 8.0, 0.2
 
 

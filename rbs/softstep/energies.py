@@ -24,11 +24,12 @@ BOUNCED = 1.6
 def bounded_share(motion, touching, normal, tied, strained, infeasible):
     """Leaves each island of connected bodies no more energy than it had, plus the work of gravity.
 
-    Where it has more, its velocities shrink if it rests on something, apart from the mean one along
-    that, and otherwise its impulses: momentum is conserved where nothing takes it. Islands on which
-    torques work, or supports that move differently, are left alone, and so are those without a
-    contact: feasible constraints add none, unless strained. Of what infeasible ones join, half of
-    the energy counts, and none of gravity's work: it comes to rest.
+    If an island that rests on something has more, its velocities shrink, except their mean along
+    the support. If another one has more, its impulses shrink: momentum is conserved where nothing
+    takes it. Islands on which torques work, or supports that move differently, are left alone, and
+    so are those without a contact: feasible constraints add no energy, unless strained. Of bodies
+    joined by infeasible ones, half of the energy counts, and none of gravity's work: they come to
+    rest.
     Returns the share (m + 1,) of each body's impulses that is left.
 
     touching : (2, C), columns of `Motion` that touch

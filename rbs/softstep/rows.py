@@ -22,9 +22,9 @@ from rbs.stepping.flight import turn_matrix
 # impulses travel more slowly, and the same stiffness takes a third more substeps; with 2, sweeps
 # diverge, and stacks burst.
 RELAXATION = 1.6
-# Most sweeps until impulses converge, and rounds of bounces, of what the last one makes close. More
-# cost time. With fewer, corners that slide as they land bounce, bodies creep that carry a thousand
-# times their weight, and a blow takes several steps to pass a row of balls.
+# Most sweeps until impulses converge, and most rounds of bounces, each of the points that the last
+# one makes close. More cost time. With fewer, corners that slide as they land bounce, bodies that
+# carry a thousand times their weight creep, and a blow takes several steps to pass a row of balls.
 SWEEPS = 12
 # Error at which sweeps end, and slip at which friction reaches its limit where points slide, as a
 # fraction of the speed that gravity adds per step and substep, or of the largest one. With more,
@@ -48,8 +48,8 @@ class ContactRows:
     where S = max(N/ω, 1) for a body with N manifolds, and ω is RELAXATION.
 
     J acts on the bodies' relative linear and own angular velocities. From substep to substep, the
-    arms turn with their bodies: on the tangent of its circle, one that rolls would rise, and lose
-    what it falls back.
+    arms turn with their bodies. Otherwise, a body that rolls would rise along the tangent of its
+    circle, and lose energy as it falls back.
 
     ends : (2, M), columns of `Motion`; isPoint : (4, M), 1 or 0
     places : (12 M,), where the forces on the two bodies, and the torques, are added up
@@ -323,7 +323,8 @@ def islands_of(ends, invMass):
 
 
 def reached(isSource, speed, mass, links, least):
-    """Which bodies (n,) may share what some have, each the more the fewer they are.
+    """Which bodies (n,) may share the momentum, or the force, of some. The fewer do, the more each
+    gets.
 
     isSource, speed : (n,), bodies that have some, and their velocity or acceleration
     mass : (n,), 0 if fixed; links : (2, L), bodies, in which n is fixed

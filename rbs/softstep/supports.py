@@ -29,8 +29,8 @@ def deferring(frames, ends, normal, asked, heights):
     heights : (2, V), of the planes of the first V of these, see `PlacedManifolds.heights`; the
         others meet along the normal of least penetration, and so with the ends of both bodies
 
-    A contact that may itself do so is no support. Of several, that along which the two approach
-    least counts.
+    A contact that may itself defer is no support. Of several supports, the one along which the two
+    approach least counts.
     """
     (first, second), count, hulls = ends, len(normal[0]), frames.hulls
     isAsked = np.zeros(frames.count + 1, dtype=bool)

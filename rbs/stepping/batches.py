@@ -255,7 +255,7 @@ class Pass:
         )
 
     def has_missed(self):
-        """Whether two bodies that were no pair touched when it would have been their turn."""
+        """Whether a pair of bodies that was not listed touched when its turn would have come."""
         isKnown = self.displacement <= self.margin
         if isKnown.all():
             return False
@@ -279,7 +279,8 @@ class Pass:
 def in_batches(first, second, isFixed):
     """Assigns ordered pairs of bodies (P,) to batches: `(order (P,), starts (B + 1,))`.
 
-    The batch of a pair follows the last batches of its movable bodies. One is empty without pairs.
+    The batch of a pair follows the last batches of its movable bodies. Without pairs, there is one
+    empty batch.
     """
     isFixed, following, batch = isFixed.tolist(), [0] * len(isFixed), []
     for i, j in zip(first.tolist(), second.tolist(), strict=True):

@@ -15,8 +15,8 @@ from rbs.stepping.flight import rotation_vectors, torque_free_velocities, turned
 from rbs.stepping.meshes import LARGEST_NUMBER, Snapshot, check_distinct, columns_of, table_of
 from rbs.stepping.settings import EARTH
 
-# Bytes. glibc gives large freed arrays back to the system, and each step faults in the same pages
-# anew, a quarter of the time of a step in batches. It keeps arrays smaller than the largest one
+# Bytes. glibc returns large freed arrays to the system, so that each step faults in their pages
+# again, which takes a quarter of a step in batches. It keeps arrays smaller than the largest one
 # freed so far, up to 32 MB (M_MMAP_THRESHOLD in mallopt(3)).
 MOST_KEPT = 31 << 20
 # Margin of a body's reach, as a fraction of the largest side of its box. With more, more pairs are

@@ -1,8 +1,8 @@
 """Distance constraints of a scene as columns, and the schedules by which they are visited.
 
 A visit corrects a constraint if it is violated. A schedule ends when every constraint is satisfied,
-or at the maximum number of visits, to which all `total` constraints of the list count in order. It
-returns the number of visits that it made: none to constraints that no motion can correct.
+or at the maximum number of visits, to which all `total` constraints of the list count, in order. It
+returns the number of visits that it made. Constraints that no motion can correct are not visited.
 """
 
 from dataclasses import dataclass, replace
@@ -122,7 +122,7 @@ def constraint_table(constraints, meshes):
 
 
 def up_to(links, end):
-    """Returns the links of the constraints before an index, itself if these are all."""
+    """Returns the links of the constraints before an index: the same list if these are all."""
     if not links or links[-1].bounds[-1][0] < end:
         return links
     parts = (replace(one, bounds=[b for b in one.bounds if b[0] < end]) for one in links)

@@ -160,8 +160,8 @@ INERTIA_ROUNDING = 1e-8
 
 
 def checked(name: str, count: int, width: int) -> Any:
-    """Returns an attribute that whoever assigns it in any shape finds as finite numbers (count,
-    width), or as one float ≥ 0. Raises ValueError if it is no such thing.
+    """Returns a property that keeps what is assigned to it, in any shape, as finite numbers (count,
+    width), or as one float ≥ 0 if the width is 1. An assignment of anything else raises ValueError.
     """
 
     def assign(mesh, value):
@@ -335,7 +335,7 @@ class MeshTools:
         vertices.flags.writeable = False
         self._origVertices = vertices
         self._rotatedHull = self._currVertices = None, None
-        _state(self)  # the state becomes its own, because the table has the vertices of before
+        _state(self)  # takes the state from the table, which has the old vertices
         self._tell_table("isLeft")
         self._table = None
 

@@ -24,7 +24,7 @@ PHASES = "gather integrate collisions ground contactSolver constraints writeBack
 class Contact(NamedTuple):
     """One contact that a step resolved. Vectors are tuples of 3 in world axes.
 
-    Zeros are unsigned, so that a contact has the same bits however it was found.
+    No zero is -0.0, so that a contact has the same bits however it was found.
     """
 
     body1: int  # index of the mesh

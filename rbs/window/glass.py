@@ -21,23 +21,23 @@ from rbs.window import widgets
 from rbs.window.marks import WindowInk
 from rbs.window.widgets import scaled
 
-# Events in the list, at most, around the present one, and the fewest lines of it that are seen.
+# Most events in the list, around the present one, and the fewest lines of the list in view.
 MOST_LISTED, LEAST_LINES = 200, 4
-# The panel's height at first in pixels, and the greatest, as a fraction of the picture's; pixels
+# First height of the panel, in pixels; greatest one, as a fraction of the picture's height; pixels
 # between symbols.
 PANEL_HEIGHT, MOST_SHARE, GAP = 272, 2 / 3, 8
-# Differences from the reference that are listed, and their digits.
+# Number of listed differences from the reference, and of their digits.
 MOST_DIFFERENCES, FEW_DIGITS = 3, 4
-# Contacts of the selected body that are listed, the largest.
+# Number of listed contacts of the selected body, those with the largest impulses.
 LISTED_CONTACTS = 3
 # Significant digits of numbers in formulas; symbols with more, since their difference is small.
 DIGITS, FINE_DIGITS, FINE = 6, 9, ("‖p1−p2‖", "refValue")
-# Colours of numbers, of a student's that the formula does not give, and of units.
+# Colours of numbers, of a student's numbers that differ from the formula, and of units.
 NUMBER_TEXT, WRONG_TEXT = (1.0, 0.85, 0.45, 1.0), (1.0, 0.45, 0.4, 1.0)
 UNIT_TEXT = (0.65, 0.65, 0.65, 1.0)
 # Length of velocities and impulses, relative to normals, which are the overlays' longest arrow.
 VELOCITY_SHARE, IMPULSE_SHARE = 2.0, 1.6
-# Arrows that are named at their middles; lines by which a name gives way to others.
+# Arrows that are named at their middles; shifts, in lines, by which a name avoids others.
 ARMS, LINES = ("r1", "r2"), (0.0, -1.0, 1.0, -2.0, 2.0)
 # What several formulas have in common; r1 and r2 are those after the position correction.
 K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)"
@@ -69,16 +69,16 @@ TOLD = {
     Kind.CONTACT: "The bodies overlap by {d} along n, which points from body 1 to body 2.",
     "the ground": "The body is {d} deep in the ground. n points from body 1 to body 2; the "
     "coursework passes −d and −n, to the same effect.",
-    Kind.CORRECTION: "Moves the bodies apart by the depth, {d}, each by its share w.",
+    Kind.CORRECTION: "The bodies are moved apart by the depth, {d}, each by its share w.",
     Kind.IMPULSE: "The bodies {before} along n. The impulse changes {changes}: now they {after}.",
     "sticks": "The contact slides at {u·t} along t. Friction stops this, and changes {changes}.",
     "slides": "The contact slides at {u·t} along t. Friction reaches its limit μj, and changes "
     "{changes}.",
-    "holds": "The distance of the points keeps to its bound: nothing is corrected.",
-    "violated": "The distance of the points is wrong by {C}: moves them until C = 0, and changes "
-    "{changes}.",
-    Kind.POINT: "Pushes with {F} on average. All points and constraints of the step are solved "
-    "together.",
+    "holds": "The distance of the points is within its bound: nothing is corrected.",
+    "violated": "The distance of the points is wrong by {C}. They are moved until C = 0, and the "
+    "impulse λ changes {changes}.",
+    Kind.POINT: "The contact pushes with {F} on average. All points and constraints of a step are "
+    "solved together.",
 }
 
 
@@ -115,7 +115,7 @@ def sentence(event):
     elif key == Kind.IMPULSE:
         ends = found["u·n"], float(terms(event._replace(before=event.after))["u·n"])
         for name, u in zip(("before", "after"), ends, strict=True):
-            lengths[name] = f"{'part' if u < 0.0 else 'approach'} at {abs(u):.3g} m/s"
+            lengths[name] = f"{'separate' if u < 0.0 else 'approach'} at {abs(u):.3g} m/s"
     changes = [
         f"{name} by {math.hypot(*(found[f'{name}′'] - found[name])):.3g} {unit(name)}"
         for k, state in enumerate(event.before, 1)
@@ -124,7 +124,7 @@ def sentence(event):
     ]
     text = TOLD[key].format_map(lengths | {"changes": ", ".join(changes)})
     isPulled = key == Kind.IMPULSE and found["u·n"] < 0.0 < -found["j"]
-    return text + " The coursework applies it whatever the sign of u·n." * isPulled
+    return text + " The coursework applies the impulse whatever the sign of u·n." * isPulled
 
 
 class Glass:
@@ -382,20 +382,20 @@ class Glass:
         if self.events:
             back = "Shift + E: the previous event, or the last one"
             rows.insert(0, ("Back", partial(self.go, -1), back))
-            rows.append(("Close", self.close, "Escape: the bodies as they are after the step"))
+            rows.append(("Close", self.close, "Escape: back to the bodies after the step"))
         for name, act, tooltip in rows:
             if psim.Button(f"{name}###event {name}"):
                 act()
             widgets.tell(tooltip)
             psim.SameLine()
         psim.NewLine()
-        tip = "Goes through contacts, and constraints that are corrected, but no free flights"
+        tip = "Show contacts and corrected constraints only, no free flights"
         act = partial(setattr, self, "skips")
         widgets.draw_check("skip free flights", self.skips, act, tip)
         if self.events is None:
             return
         if not self.events:
-            psim.TextWrapped("Nothing to show: no event was reported one by one.")
+            psim.TextWrapped("No events: this step reported none one by one.")
             return
         least = LEAST_LINES * psim.GetTextLineHeightWithSpacing()
         with widgets.child("events", (0.0, max(psim.GetContentRegionAvail()[1], least))):

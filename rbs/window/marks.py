@@ -9,7 +9,7 @@ from rbs.window.widgets import packed, panel, scaled
 # Mouse actions of the help; pixels, the width of the help's left column.
 MOUSE = {
     "click": "select a body: readout, push, fix",
-    "double-click": "turn to a point, to orbit and zoom about it",
+    "double-click": "look at a point, to orbit and zoom about it",
     "Ctrl + drag": "drag a body, and throw it; while paused, move it",
     "drag": "orbit",
     "Shift + drag, right drag": "pan",

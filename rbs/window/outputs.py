@@ -50,8 +50,8 @@ class Outputs(outputs.Outputs):
     written : paths of the complete files of this session
     moment : of the history, the last one that recording and page have
 
-    Recording and page follow the run, the video shows what is seen. Looking back ends none of them;
-    what is made from an earlier moment is no part of that run.
+    Recording and page follow the run, the video shows what is seen. Looking back ends none of them,
+    but a run that continues from an earlier moment is another one, and ends recording and page.
     """
 
     def __init__(self, viewer):
@@ -65,7 +65,7 @@ class Outputs(outputs.Outputs):
         if self.writers.keys() - {"video"} and viewer.history.now is not self.moment:
             self.stop(*FOLLOWING)
             ends = self.moment.stepCount, viewer.simulation.stepCount
-            viewer.message += "\nends at step {}, since the run goes on from step {}".format(*ends)
+            viewer.message += "\nIt ends at step {}, as the run goes on from step {}.".format(*ends)
 
     def go_on(self, before):
         """Hands the present moment on, which was kept, if `before`, the one before it, is the last

@@ -47,15 +47,15 @@ SLIDER_ENDS = {"restitution": (0.0, 1.0), "friction": (0.0, 1.0), "gravity": (0.
 SLIDER_ENDS |= {"timeStep": (0.001, 0.05), "substeps": (1, 32)}
 # Most frames per second; the same while idle, to spare the processor; seconds of rest until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
-# Part of the wanted speed that counts as reached; beyond real time, this is no news.
+# Fraction of the chosen speed that counts as reached. Beyond real time, no shortfall is shown.
 REACHED = 0.9
 # Shown until something has been done.
 HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
-# Names of choices in the lists, where the option's own says too little or is too long; of layers.
+# Names in lists of choices where the option's own name says too little; short names of overlays.
 CHOICES = {"impulse": "basic step", "soft-step": "soft step", "all": "all pairs"}
 CHOICES |= {"sequential": "in order"}
 SHORT = {"friction impulses": "friction", "bounding boxes": "boxes", "grid cells": "cells"}
-# Settings that change the time of a step, and not the motion.
+# Settings that change the time of a step, and its motion at most within the constraints' tolerance.
 ADVANCED = "broadPhase", "contactScheduling", "constraintScheduling"
 # Phases of a step, where their names say too little.
 PHASES = {"step": "whole step", "gather": "read bodies", "writeBack": "write back"}
@@ -126,21 +126,21 @@ class Panel:
         """Returns the keys: rows (ImGui's names, with modifiers; meaning; function)."""
         viewer, go, toggle = self.viewer, self.glass.go, self._toggle
         frame, event = viewer.view.viewpoint.frame, "event of the last step, with formulas"
-        kept = "start over, keeping your settings; loads a student's functions again"
+        kept = "start over, keeping your settings; reloads a student's functions"
         return [
             ("Space", "play, pause", viewer.toggle_play),
-            ("S RightArrow", "one step forward: to what was kept, or a new one", viewer.step_once),
-            ("LeftArrow Ctrl+Z", "one step back, or undo: bodies and settings", viewer.step_back),
+            ("S RightArrow", "one step forward: a kept one, or else a new one", viewer.step_once),
+            ("LeftArrow Ctrl+Z", "one step back, or undo a change", viewer.step_back),
             ("Ctrl+Y Ctrl+Shift+Z", "redo", viewer.redo),
-            ("E", f"next {event}; first of the selected body", go),
+            ("E", f"next {event}; begins with the selected body", go),
             ("Shift+E", f"previous {event}", partial(go, -1)),
             ("R", kept, viewer.restart),
             ("Shift+R", "start over, with the scene's own settings", partial(viewer.restart, True)),
             ("B", "shoot a ball at the mouse", self._shoot),
             ("F", "fit the scene in view, or the selected body", frame),
-            ("1 Keypad1", "see it from the front", partial(frame, FRONT)),
-            ("3 Keypad3", "see it from the right", partial(frame, SIDE)),
-            ("7 Keypad7", "see it from above", partial(frame, TOP)),
+            ("1 Keypad1", "view from the front", partial(frame, FRONT)),
+            ("3 Keypad3", "view from the right", partial(frame, SIDE)),
+            ("7 Keypad7", "view from above", partial(frame, TOP)),
             ("N", "show or hide the readout", partial(toggle, "isSideShown")),
             ("H", "show or hide this help", partial(toggle, "isHelpShown")),
             ("Escape", "close this help, or the events of a step", self._escape),
@@ -300,7 +300,7 @@ class Panel:
         size, viewer = (self.picture.left, self.picture.height), self.viewer
         flag = OPEN if size[1] >= scaled(ROOMY_HEIGHT) else 0
         with widgets.panel("Main", (0, 0), size, size, labels=LABEL_WIDTH):
-            fit = "F: fit the scene in view, without what has left it, or the selected body"
+            fit = "F: fit the selected body in view, or the scene without bodies that flew off"
             self._buttons(
                 ("Help", partial(self._toggle, "isHelpShown"), "H: keys and mouse actions"),
                 ("Readout", partial(self._toggle, "isSideShown"), "N: numbers on the right"),
@@ -355,7 +355,7 @@ class Panel:
             if one.label and one.name not in ADVANCED:
                 self._draw_setting(one)
         advanced = [one for one in used if one.name in ADVANCED]
-        if advanced and psim.TreeNode("Advanced"):  # they change no motion
+        if advanced and psim.TreeNode("Advanced"):
             for one in advanced:
                 self._draw_setting(one)
             psim.TreePop()
@@ -375,7 +375,7 @@ class Panel:
 
     def _draw_display(self):
         view = self.viewer.view
-        tooltip = "What the colours of the bodies show"
+        tooltip = "Quantity that the colours of bodies show"
         widgets.draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
         second = 0.5 * psim.GetContentRegionAvail()[0] + psim.GetCursorPosX()
         for k, (name, one) in enumerate(OVERLAYS.items()):

@@ -138,6 +138,8 @@ def test_trace_prints_the_events_of_a_step_of_one_body(capsys):
     code, some, _ = call(capsys, *traced, "41:box 7")
     assert code == 0 and set(some.splitlines()) < set(out.splitlines())
     assert call(capsys, *traced, "41:7")[1] == some
+    told = "no events of tray_block 7, which is fixed, in step 41\n"
+    assert call(capsys, "mixed", "--trace", "41:7")[:2] == (0, told)
 
 
 def test_a_failing_step_is_traced_up_to_where_it_fails(tmp_path, capsys):

@@ -12,7 +12,7 @@ from oracles import DATA
 from studentVariants import EARLY, HOSTILE, LOST, START, VARIANTS, edited, write_submission, written
 from worker.steps import Scene
 
-from rbs.program.submissions import load_submission
+from rbs.program.submissions import POSITION, VELOCITY, load_submission
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
@@ -79,6 +79,25 @@ QUICK = {where: names[:1] for where, names in FOUND.items()}
 QUICK[""] += ["released", "in-place", "skeleton-guarded"]
 CASES = [(where, QUICK[where]) for where in FOUND]
 CASES += [pytest.param(where, FOUND[where][1::2], marks=pytest.mark.slow) for where in FOUND]
+
+
+# Mistakes beside a tensor that is turned as in the release: the call, the edit, and the hint.
+BESIDE_RELEASED = {
+    VELOCITY: (("-n, -np.cross(r2, n)", "-n, np.cross(r2, n)"), "the last block of J has"),
+    "resolve_collision": (("+ np.sum(c2 * (c2 @ invI2.T))", ""), "the rotational term of mesh 2"),
+    POSITION: (
+        ("    isValid =", "    return True, currPositions\n    isValid ="),
+        "not implemented",
+    ),
+}
+
+
+@pytest.mark.parametrize("call", BESIDE_RELEASED)
+def test_what_is_allowed_for_hides_no_mistake(call, scene, tmp_path):
+    edit, hint = BESIDE_RELEASED[call]
+    comparison = compared(tmp_path, scene, [*VARIANTS["released"], edit])
+    assert f" {call}: " in comparison.problem and " v1," not in comparison.problem
+    assert comparison.terms[-1].startswith(f"hint: {hint}") and " - or " not in comparison.terms[-1]
 
 
 @pytest.mark.parametrize(("where", "names"), CASES)

@@ -78,10 +78,11 @@ BAD = {
     "integrationGrading.py --modules empty": "empty: no submission in this folder",
     "Constraints.py --modules noted.zip": "noted.zip: has no RBSFunctions.py; save the functions",
     "compare.py student mixed --constraints no.txt": "no.txt: ",
-    "compare.py student mixed --restitution 2": "a finite number, 0 to 1, not 2 (",
+    "compare.py student mixed --restitution 2": "a finite number, 0 to 1, not '2' (",
     "Constraints.py --memory-limit 64": "--memory-limit: must be 256 or more, not 64 ",
     "integrationGrading.py --time-limit 0": "--time-limit: must be 0.1 or more, not 0 ",
     "grade.py student empty --results r.json": "--results is of one submission, not of 2",
+    "compare.py student student": "student: a folder, not a file",
     "compare.py unloadable mixed": "No module named 'numba'; to do: add the file numba.py, or",
 }
 
@@ -97,6 +98,14 @@ def test_wrong_arguments_get_one_line(command, tmp_path, run):
     assert (graded.returncode, graded.stdout) == (2, "")
     (line,) = graded.stderr.splitlines()
     assert line.startswith(f"{command.split()[0]}: ") and BAD[command] in line
+
+
+def test_what_cannot_be_imported_comes_first(tmp_path, run):
+    write_submission(tmp_path / "student", [("import os\n", "import os as\n")])
+    graded = run("Constraints.py", "--modules", "student/RBSFunctions.py", cwd=tmp_path)
+    assert graded.returncode == 1 and "SyntaxError" in graded.stdout
+    (line,) = [line for line in graded.stdout.splitlines() if line.startswith("Next: ")]
+    assert line.endswith("keeps RBSFunctions.py from being imported")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
@@ -149,7 +158,8 @@ def test_links_are_not_followed(tmp_path):
     (folder / "linked").symlink_to(tmp_path / "secret")
     assert set(taken(folder)[0]) == set(SOLUTION)
     (tmp_path / "copier").symlink_to(folder)  # one's own link to a submission is
-    assert set(read_submission(tmp_path / "copier").files) == {f"code/{one}" for one in SOLUTION}
+    for path in (tmp_path / "copier", folder / "RBSFunctions.py"):
+        assert set(read_submission(path).files) == {f"code/{one}" for one in SOLUTION}
     found = {one.name: one for one in find_submissions([tmp_path])}
     for one in found.values():
         read(one)

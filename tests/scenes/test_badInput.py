@@ -7,6 +7,8 @@ Broken text files are in `test_loading.py`.
 import itertools
 import json
 import os
+import shlex
+import sys
 
 import h5py
 import numpy as np
@@ -91,14 +93,47 @@ OPTIONS = [
     ("--camera camera.csv --screenshots p --stats ./camera.csv", "./camera.csv"),
     ("--record r.h5x", "--record"),
     ("--size 320x180", "--size"),
-    ("--stats folder.csv", "folder.csv"),
-    ("--frction 0.5", "--friction"),
+    ("--stats folder.csv", "folder.csv: a folder, not a file"),
+    ("--record none/r.h5", "none/r.h5: there is no folder none"),
+    ("--stats camera.csv/s.csv", "camera.csv/s.csv: there is no folder camera.csv"),
+    ("--frction 0.5", "did you mean --friction?"),
+    ("-friction 0.5", "did you mean --friction?"),
+    ("--restitution 0,5", "not '0,5'"),
+    ("--gravity 0,-9,8,0", "not '0,-9,8,0'"),
+    ("--colours red --screenshots p", "one of body, density, speed, sleep, not 'red'"),
 ]
 
 
 @pytest.mark.parametrize(("words", "named"), OPTIONS, ids=str)
 def test_option_that_cannot_be_used(folder, capsys, words, named):
     assert_refused(folder, capsys, ["tet", "--headless", *words.split(" ")], "", named)
+
+
+# Lines of a scene, and what their messages say: a decimal comma is quoted as it was written.
+LINES = [
+    ("t.mesh 1,5 0 0 9 0 1 0 0 0", "not 11: 't.mesh 1,5 0 0 9 0 1 0 0 0'"),
+    ("t.mesh 1 2 0 9 0 1 0 0 0", "isFixed must be 0 or 1, not 2"),
+    ("T.mesh 1 0 0 9 0 1 0 0 0", "beside the scene; did you mean t.mesh?"),
+    ("nothing.off 1 0 0 9 0 1 0 0 0", "'nothing.off' beside the scene"),
+]
+
+
+@pytest.mark.parametrize(("line", "cause"), LINES)
+def test_line_that_cannot_be_used(folder, capsys, line, cause):
+    write(folder, "b-scene.txt", f"1\n{line}\n")
+    assert_refused(folder, capsys, ["b-scene.txt", *RECORDED], "b-scene.txt:2: ", cause)
+
+
+def test_a_missing_package_is_installed_where_it_is_missing(folder, capsys, monkeypatch):
+    """The pip that a terminal finds may be another Python's."""
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    write(folder, "b-scene.txt", "1\ns.stl 1 0 0 9 0 1 0 0 0\n")
+    write(folder, "s.stl", "solid")
+    for python in (sys.executable, str(folder / "my env" / "python")):
+        monkeypatch.setattr(sys, "executable", python)
+        command = shlex.join([python.replace(f"{folder}/", ""), *"-m pip install trimesh".split()])
+        cause = f"Install it: {command};".replace("'", '"')
+        assert_refused(folder, capsys, ["b-scene.txt", *RECORDED], "s.stl: no .stl files", cause)
 
 
 @pytest.mark.parametrize("scene", ["", "nosuch", ".", "camera.json", "a\nb-scene.txt", "r.H5"])
