@@ -6,7 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from rbs.geometry.vectors import dot, indices, take
+from rbs.geometry.broadphase import islands
+from rbs.geometry.vectors import dot, indices, norm, take
 from rbs.softstep.detection import KEEP, Frames
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS, ROUNDING, TINY, UNEVEN
@@ -73,17 +74,21 @@ class SoftContacts(PlacedManifolds):
         gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.gap, 0.0)
         speed = self.speed[:POINTS]
         self.closing = -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
-        # that gravity adds in a step, in m/s
-        self.fallSpeed = max(motion.fallRate * self.timeStep, self.rounding)
-        hardest = max(self.fallSpeed, -self.closing.min(initial=0.0))
+        rates = self._fall_rates(motion, bodies.isDriven)
+        rate = take(rates, self.ends).max(axis=0)
+        # that gravity and forces add in a step, in m/s
+        self.fallSpeeds = np.maximum(rates * self.timeStep, self.rounding)
+        self.fallSpeed = take(self.fallSpeeds, self.ends).max(axis=0)
+        hardest = max(self.fallSpeed.max(initial=0.0), -self.closing.min(initial=0.0))
         self.slow = max(TOLERANCE * hardest, self.rounding)
         self.rate, self.softness = spring(FREQUENCY, DAMPING, h)
         self.started = self.impulse[:POINTS]
         # in a step as in the last substep
         self.carried = self.started * (self.timeStep / h)
-        self.weight = self.system.mass * (motion.fallRate * h)
+        self.weight = self.system.mass * (rate * h)
         self.pending, self.total = np.zeros((2, 7, self.count))
-        least = max(TOLERANCE * self.fallSpeed * h / self.timeStep, self.rounding, TINY)
+        least = TOLERANCE * self.fallSpeed * h / self.timeStep
+        least = np.maximum(least, max(self.rounding, TINY))
         self.system.let_slide(np.where(self._may_slide(), least, 0.0))
         isUneven, loads = self._weighed(inverse[0], motion)
         self.most = (1.0 - self.softness) * loads * self.weight
@@ -95,6 +100,19 @@ class SoftContacts(PlacedManifolds):
         self.sinkSpeed = np.where(isTied, self.fallSpeed, KEEP * size / h)
         # error at which sweeps over what one has left unsolved end, in m/s
         self.tolerance = np.where(self.isUneven, TOLERANCE * self.fallSpeed, self.sinkSpeed)
+
+    def _fall_rates(self, motion, isDriven):
+        """Accelerations (m + 1,) that press bodies together: the greatest, by gravity and forces,
+        of those in contact. A field of forces is gravity.
+
+        isDriven : (n,)
+        """
+        rates = np.full(len(motion.invMass), motion.fallRate)
+        if isDriven.any():
+            island = islands(self.ends, motion.invMass[:-1] > 0.0)
+            np.maximum.at(rates, island, norm(motion.gravity[:, :-1]))
+            rates[:-1] = rates[island]
+        return rates
 
     def _weighed(self, invMass, motion):
         """`(isUneven (M,), loads (M,))`: whether manifolds are in islands in which bodies of UNEVEN
@@ -258,7 +276,7 @@ class SoftContacts(PlacedManifolds):
         np.maximum.at(speed, self.ends.ravel(), change.ravel())
         mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
         isTouching = self._touching(self.total).any(axis=0)
-        touching, least = indices(isTouching), self.fallSpeed * self.h / self.timeStep
+        touching, least = indices(isTouching), self.fallSpeeds * self.h / self.timeStep
         isHit = reached(speed > 0.0, speed, mass, take(self.ends, touching, 1), least)
         isPart = isHit[self.ends].any(axis=0) & isTouching
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
@@ -317,7 +335,7 @@ class SoftContacts(PlacedManifolds):
         """
         some, total = indices(isPart), total.copy()
         bias, isActive, before = (take(x, some, 1) for x in (bias, isActive, total))
-        tolerance = TOLERANCE * max(-bias.min(initial=0.0), self.fallSpeed)
+        tolerance = TOLERANCE * np.maximum(-bias.min(initial=0.0), take(self.fallSpeed, some))
         part = self.system.of(some, isActive, motion)
         total[:, some] = part.converged(motion, before, tolerance, bias, sweeps=sweeps)
         return total

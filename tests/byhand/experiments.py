@@ -283,6 +283,21 @@ def in_a_frame(engine, *frame, kinds=(), wall=False, height=0.0, seconds=1.0, **
     return np.abs(found[0] - found[1]).max()
 
 
+def as_forces(engine, make, part=1.0, seconds=1.0, **settings):
+    """Largest difference of positions if forces on all bodies replace a part of gravity."""
+    if engine not in OWN:
+        raise UnsuitedError
+    found = []
+    for share in (0.0, part):
+        meshes = make()
+        for mesh in (mesh for mesh in meshes if share and not mesh.isFixed):
+            mesh.load = (0.0, -share * G * mesh.mass, 0.0, 0.0, 0.0, 0.0)
+        given = settings | {"gravity": (0.0, (share - 1.0) * G, 0.0), "sleeping": False}
+        run(engine, meshes, seconds, **given)
+        found.append(np.array([mesh.position[0] for mesh in meshes]))
+    return np.abs(found[0] - found[1]).max()
+
+
 # Sleep
 
 
@@ -444,6 +459,17 @@ def loaded(engine, ratio, off=0.0, seconds=20.0):
     meshes = [box(), box(off, 1.5, density=ratio)]
     run(engine, meshes, seconds)
     return 1e3 * (1.5 - meshes[1].position[0, 1]), 1e3 * np.hypot(*meshes[0].position[0, [0, 2]])
+
+
+def squeezed(engine, *densities, seconds=1.0):
+    """By how many mm forces at both ends, of G times their masses, shorten a row of cubes."""
+    if engine not in OWN:
+        raise UnsuitedError
+    meshes = [box(k, density=density) for k, density in enumerate(densities)]
+    for mesh, sense in ((meshes[0], 1.0), (meshes[-1], -1.0)):
+        mesh.load = (sense * G * mesh.mass, 0.0, 0.0, 0.0, 0.0, 0.0)
+    run(engine, meshes, seconds, **FREE)
+    return 1e3 * (len(meshes) - 1.0 - np.linalg.norm(meshes[-1].position - meshes[0].position))
 
 
 def hit(engine, ratio):
