@@ -324,6 +324,26 @@ def test_contacts_of_sleepers_balance_gravity():
         assert np.abs(net[sleepers] / weight[sleepers, None]).max() < 0.05
 
 
+def test_what_others_hold_stays_where_it_is_if_one_support_is_removed():
+    """A plank with five cubes on two of three legs, and a pyramid without a stone. If the loads
+    above a body that is held ended, too, the topmost cube would sink by 5 mm.
+    """
+    legs = [box_body(0.4, 1, 1, (x, 0.5, 0)) for x in (0, -2, 2)]
+    plank = [*legs, box_body(5, 0.5, 1, (0, 1.25, 0)), *(box(0, 2.0 + k) for k in range(5))]
+    stones = [box(1.1 * (c - (3 - r) / 2), 0.5 + r) for r in range(4) for c in range(4 - r)]
+    meshes = in_lanes(plank, stones)
+    state = run(meshes, 2.0, hasGround=True, mu=0.5)
+    for gone in (9 + 5, 0):  # from the last
+        state.remove(gone)
+        del meshes[gone]
+    start, tops = state_of(meshes)[:, :3], []
+    for _ in range(30):
+        run(meshes, H, hasGround=True, mu=0.5, solverState=state)
+        tops.append(experiments.top_speed(meshes))
+    assert 0.01 < max(tops) < 0.05  # and awake
+    assert np.abs(state_of(meshes)[:, :3] - start).max() < G * H**2 / 2
+
+
 # Grounds that move, and bodies that are linked
 
 

@@ -190,10 +190,12 @@ def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy():
 
 
 @pytest.mark.parametrize(
-    "e, lifts", [(0.0, (0.1, 0.25)), pytest.param(0.5, (0.0,), marks=pytest.mark.slow)]
+    "e, lifts", [(0.0, (0.1, 0.4)), pytest.param(0.5, (0.4,), marks=pytest.mark.slow)]
 )
 def test_linked_bodies_do_not_press_each_other_into_the_ground(e, lifts):
-    """Those that the ground stops whip the others, which would pass through it within a step."""
+    """Those that the ground stops whip the others, which would pass through it within a step, and
+    press those down again in every substep.
+    """
     meshes, links = [], []
     for k, lift in enumerate(lifts):
         one = SceneSimulation(oracles.DATA / "cube-scene.txt")
@@ -206,7 +208,7 @@ def test_linked_bodies_do_not_press_each_other_into_the_ground(e, lifts):
     for _ in range(120):
         simulate(meshes, 1, state, e, mu=0.0, constraints=links)
         lowest.append(min(mesh.lowest_vertex()[1] for mesh in meshes))
-    assert 0.1 > min(lowest) > -0.06
+    assert 0.1 > min(lowest) > -0.03
 
 
 def test_a_body_that_is_pulled_hard_stops_at_a_wall():
