@@ -7,7 +7,6 @@ import itertools
 
 import experiments
 import numpy as np
-import oracles
 import pytest
 from engines import throw
 from experiments import above, box, roller
@@ -237,27 +236,6 @@ def test_tiles_that_move_together_carry_a_box_over_their_seams():
 # Blows, energy, loads
 
 
-@pytest.mark.parametrize("e, most", [(0.0, 1e-3), (0.3, 0.31)])
-@pytest.mark.parametrize("sides", [(1, 1, 1), (2, 0.3, 0.6)])
-def test_a_corner_that_slides_as_it_lands_separates_at_e_times_its_approach(e, most, sides):
-    rng, ratios = np.random.default_rng(7), []
-    for gap in np.linspace(0.001, 0.12, 12):
-        mesh = box_body(*sides, (0, 0, 0), orientation=oracles.random_quaternions(rng, 1)[0])
-        throw(above(mesh, gap), (3.0, -2.0, 0.0))
-        corner, state = int(mesh.currVertices[:, 1].argmin()), SolverState()
-        for _ in range(12):
-            arm = mesh.currVertices[corner] - mesh.position[0]
-            before = (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm))[1]
-            run([mesh], H, e=e, hasGround=True, solverState=state, mu=1.0)
-            after = (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm))[1]
-            if after - before > 0.5:
-                ratios.append(-after / before)
-                break
-    assert len(ratios) == 12
-    # gravity's part of the step and, with e > 0, the fall within it
-    assert max(ratios) < most + (0.06 if e else 0.0) and min(ratios) > e - 0.02
-
-
 def test_a_blow_on_tiles_is_not_repeated():
     """If it were, a wall would throw a box back at a tenth of its speed."""
     lanes, due = [], []
@@ -283,17 +261,6 @@ def test_what_starts_deep_in_the_ground_and_below_another_comes_out():
     run(in_lanes(*lanes), 4.0, hasGround=True, mu=0.5)
     for ratio, meshes in zip(ratios, lanes, strict=True):
         assert min(mesh.currVertices[:, 1].min() for mesh in meshes) > -1e-3 - 2.5e-4 * ratio
-
-
-@pytest.mark.slow
-def test_legs_carry_a_load_off_their_middle():
-    legs = [box_body(0.3, 1, 0.3, (x, 0.5, z)) for x in (-0.8, 0.8) for z in (-0.8, 0.8)]
-    top = box_body(2, 0.5, 2, (0.3, 1.25, 0), density=20 * 0.36 / 2)
-    meshes, settings = [*legs, top], {"hasGround": True, "mu": 0.5, "sleeping": False}
-    state, places = run(meshes, 1.5, **settings), state_of(meshes)[:, [0, 2]]
-    run(meshes, 1.5, solverState=state, **settings)
-    assert np.abs(state_of(meshes)[:, [0, 2]] - places).max() < 2e-3
-    assert top.position[0, 1] > 1.245
 
 
 # Sleep, and supports that are removed
