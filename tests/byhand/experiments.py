@@ -86,18 +86,23 @@ def top_speed(meshes):
 # What slides over flush blocks
 
 
-def tiles(width=2.0, count=9, isFixed=True):
-    places = [(-3 + width * (k + 0.5), 4.0 * row) for k in range(count) for row in (-1, 0, 1)]
-    return [box(x, -0.5, z, (width, 1, 4), isFixed=isFixed) for x, z in places]
+def tiles(width=2.0, depth=2.0, rows=3, uneven=0.0, turn=0.0, count=9, isFixed=True):
+    """Blocks of height 1 below y = 0 from x = -3 on, or lower by up to `uneven`."""
+    q, rng, meshes = quaternion((0, 1, 0), turn), np.random.default_rng(1), []
+    for k, r in itertools.product(range(count), range(rows)):
+        place = -3 + (k + 0.5) * width, -0.5 - uneven * rng.random(), (r - rows // 2) * depth
+        place, settings = rotation(q).apply(place), {"orientation": q, "isFixed": isFixed}
+        meshes.append(box(*place, (width, 1, depth), **settings))
+    return meshes
 
 
 FLOORS = {
-    "tiles": tiles,
+    "tiles": lambda: tiles(depth=4.0),
     "slab": lambda: [box(0, -0.5, 0, (60, 1, 8), isFixed=True)],
     "wall": lambda: (
-        tiles() + [box(1.5 * k, 1, 1, (1.5, 2, 1), isFixed=True) for k in range(-2, 18)]
+        tiles(depth=4.0) + [box(1.5 * k, 1, 1, (1.5, 2, 1), isFixed=True) for k in range(-2, 18)]
     ),
-    "free row": lambda: tiles(1.0, 14, False)[1::3],
+    "free row": lambda: tiles(1.0, 4.0, rows=1, count=14, isFixed=False),
 }
 CORNERS = 0.6 * np.vstack((np.eye(3), -np.eye(3)))
 ON_A_FACE = Rotation.align_vectors([[0, -1, 0]], [[1, 1, 1]])[0].as_quat()[[3, 0, 1, 2]]

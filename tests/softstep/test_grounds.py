@@ -9,7 +9,7 @@ import experiments
 import numpy as np
 import pytest
 from engines import throw
-from experiments import above, box, roller
+from experiments import MOVERS, above, box, roller, tiles
 from oracles import box_body, ground, penetrations, quaternion, rotation, state_of
 
 from rbs.softstep.step import SolverState
@@ -31,20 +31,6 @@ def prism(sides, radius, height):
     ring = radius * np.cos(angle), radius * np.sin(angle)
     points = [(x, y, z) for x, z in zip(*ring, strict=True) for y in (-height / 2, height / 2)]
     return above(shapes.convex_hull(points, 1.0))
-
-
-def ball():
-    return above(shapes.sphere(0.5, 1.0))
-
-
-def tiles(width=2.0, depth=2.0, rows=3, uneven=0.0, turn=0.0, count=9):
-    """Fixed blocks of height 1 below y = 0 from x = -3 on, or lower by up to `uneven`."""
-    q, rng, meshes = quaternion((0, 1, 0), turn), np.random.default_rng(1), []
-    for k, r in itertools.product(range(count), range(rows)):
-        place = -3 + (k + 0.5) * width, -0.5 - uneven * rng.random(), (r - rows // 2) * depth
-        place, settings = rotation(q).apply(place), {"orientation": q, "isFixed": True}
-        meshes.append(box_body(width, 1, depth, place, **settings))
-    return meshes
 
 
 def triangles(side=1.4, rows=4, count=10):
@@ -117,7 +103,7 @@ SEAMS = {
     "a flat triangle": (lambda: prism(3, 0.6, 0.2), lambda: tiles(turn=33), (8, 0, -4)),
     "a flat pentagon": (lambda: prism(5, 0.6, 0.2), lambda: tiles(turn=33), (8, 0, -4)),
     "a thin hexagon": (lambda: prism(6, 0.6, 0.02), tiles, (3, 0, 1)),
-    "a ball": (ball, tiles, (8, 0, 0)),
+    "a ball": (MOVERS["ball"], tiles, (8, 0, 0)),
     "free row": (box, free_row, (3, 0, 0)),
     "free row, narrow": (box, lambda: free_row(0.4), (3, 0, 0)),
     "heavy rider": (lambda: box(density=8.0), lambda: free_row(2.0, 0.2, 3.0), (3, 0, 0.1)),
@@ -141,7 +127,7 @@ def test_what_rolls_over_seams_does_not_feel_them():
     the prisms would come 0.55 to 0.9 of their way, and rise by 0.1 m.
     """
     lanes = []
-    for k, make in enumerate((ball, lambda: roller(16), lambda: roller(32))):
+    for k, make in enumerate((MOVERS["ball"], lambda: roller(16), lambda: roller(32))):
         speed, width = (1, 3, 3)[k], (1.1, 0.5, 1.1)[k]
         for floor in (slab(20), tiles(width, width, count=round(12 / width))):
             mover = throw(make(), spin=(0.0, 0.0, -2.0 * speed))
