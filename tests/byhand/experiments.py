@@ -297,11 +297,12 @@ def in_a_frame(engine, *frame, kinds=(), wall=False, height=0.0, seconds=1.0, **
 # Sleep
 
 
-def slope(engine, degrees):
-    """Way of a box down a slope without friction in 10 s."""
-    mesh, angle = box(), np.radians(degrees)
-    gravity = (G * np.sin(angle), -G * np.cos(angle), 0)
-    run(engine, [box(0, -0.5, 0, (60, 1, 10), isFixed=True), mesh], 10.0, mu=0.0, gravity=gravity)
+def slope(engine, degrees, side=1.0, seconds=10.0, mu=0.0, **settings):
+    """Way of a cube down a slope."""
+    mesh, angle = box(0, side / 2, 0, (side, side, side)), np.radians(degrees)
+    settings["gravity"] = (G * np.sin(angle), -G * np.cos(angle), 0)
+    floor = box(0, -side / 2, 0, (60 * side, side, 10 * side), isFixed=True)
+    run(engine, [floor, mesh], seconds, mu=mu, **settings)
     return mesh.position[0, 0]
 
 
