@@ -7,7 +7,7 @@ import numpy as np
 import oracles
 import pytest
 from engines import throw
-from experiments import energy, top_speed
+from experiments import energy, run, top_speed
 from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation, state_of
 from scipy.spatial.transform import Rotation
 
@@ -16,23 +16,15 @@ from rbs.softstep.detection import separation_growths
 from rbs.softstep.manifolds import four_points
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import GRAVITY
-from RBSFunctions import run_timestep
 
 H = 0.02
 
 
-def simulate(meshes, steps, state=None, CRCoeff=0.0, hasGround=True, timeStep=H, **more):
+def simulate(meshes, steps, state=None, CRCoeff=0.0, timeStep=H, **more):
     """Steps of the soft-step solver, with friction 0.5; returns its state and the last report."""
-    state = SolverState() if state is None else state
-    floor = oracles.ground() if hasGround else None
-    options = {"mu": 0.5, "contactSolver": "soft-step", "solverState": state} | more
-    for _ in range(steps):
-        report = run_timestep(meshes, floor, timeStep, CRCoeff, **options)
-    return state, report
-
-
-def positions(meshes):
-    return np.array([m.position[0] for m in meshes])
+    more["solverState"] = state = SolverState() if state is None else state
+    given = "soft step", meshes, steps * timeStep, timeStep, CRCoeff
+    return state, run(*given, **more)[0].report
 
 
 def some_heap(seed=3, count=7):
@@ -115,7 +107,7 @@ def test_a_cylinder_in_the_ground_touches_it_with_both_ends_of_its_side(roll):
 def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
     side = 2 * scale
     meshes = [box_body(side, side, side, (0, (i + 0.5) * side, 0)) for i in range(4)]
-    start = positions(meshes)
+    start = state_of(meshes)
     simulate(meshes, 60, timeStep=timeStep, sleeping=False)
     # Springs whose frequency is relative to the substeps' give way by a part of g h², whatever the
     # size: a load of N m g on a contact with the mass m/K sinks by K N g / (2 π f)², with f = 0.165
@@ -123,7 +115,7 @@ def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
     # on the ground, 2/0.8 between two such bodies, and 1 + 1/0.8 below the top one.
     split = np.array([1.25, 2.5, 2.5, 2.25])
     sinks = np.cumsum(split * [4, 3, 2, 1]) * -GRAVITY * (timeStep / 6 / (2 * np.pi * 0.165)) ** 2
-    assert (start - positions(meshes))[:, 1] == pytest.approx(sinks, rel=0.05)
+    assert (start - state_of(meshes))[:, 1] == pytest.approx(sinks, rel=0.05)
     assert top_speed(meshes) < 0.01 * np.sqrt(-GRAVITY * scale)
 
 
