@@ -104,10 +104,6 @@ DRIVERS = {
         ),
         "step 1: run_timestep: changes isFixed of .* 2; the functions do not",
     ),
-    "a body put to sleep": (
-        (START, f"    m1.isFixed = True\n{START}"),
-        "step 1: resolve_collision: changes isFixed of .*; RBS",
-    ),
     "no ground": (
         ("if lowest[1] <= 0.0:", "if lowest[1] <= -9.0:"),
         r"run_timestep: position of box 3 is \(.*\) in ours",
