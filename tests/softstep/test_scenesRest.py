@@ -10,8 +10,8 @@ from experiments import energy
 from oracles import DATA
 
 from rbs.scenes.scenefiles import SceneSource
-from rbs.scenes.settingtexts import apply_settings, recommended_values
-from rbs.scenes.simulation import SceneSimulation
+from rbs.scenes.settingtexts import recommended_values
+from RigidBodySimulation import Simulation
 
 RESTING = {"contactSolver": "soft-step", "friction": 0.5, "restitution": 0.0}
 SCENES = """stack pyramid arch card_house ramp dominoes wall arch_blow cradle loaded_bridge heap
@@ -19,15 +19,10 @@ pile_200 pile_1000""".split()
 
 
 def open_scene(name):
-    """`(SceneSimulation, positions)` as the program opens a scene, without sleep."""
-    simulation = SceneSimulation(DATA / f"{name}-scene.txt")
-    apply_settings(simulation, {"sleeping": False})
+    """`(Simulation, positions)` with the settings of the scene, without sleep."""
+    simulation = Simulation(name)
+    simulation.settings.sleeping = False
     return simulation, positions(simulation)
-
-
-def run(simulation, steps):
-    for _ in range(steps):
-        simulation.step()
 
 
 def positions(simulation):
@@ -53,10 +48,10 @@ def test_dominoes_fall_in_turn():
 def test_the_wall_stands_until_the_ball_breaks_it():
     simulation, start = open_scene("wall")
     start = start[7:]
-    run(simulation, 200)
+    simulation.run(200)
     assert np.linalg.norm(positions(simulation)[7:] - start, axis=1).max() < 0.05
     assert np.linalg.norm(simulation.meshes[6].linVelocity) > 10  # the ball is on its way
-    run(simulation, 150)
+    simulation.run(150)
     moved = np.linalg.norm(positions(simulation)[7:] - start, axis=1)
     assert (moved > 5).sum() >= 5
 
@@ -64,9 +59,9 @@ def test_the_wall_stands_until_the_ball_breaks_it():
 @pytest.mark.slow
 def test_the_arch_falls_when_it_is_hit():
     simulation, start = open_scene("arch_blow")
-    run(simulation, 120)
+    simulation.run(120)
     assert np.linalg.norm(positions(simulation) - start, axis=1)[:-1].max() < 0.05
-    run(simulation, 280)
+    simulation.run(280)
     assert positions(simulation)[7, 1] < 0.5 * start[7, 1]
 
 
@@ -91,7 +86,7 @@ def test_the_last_ball_of_the_cradle_rises_like_the_first():
 @pytest.mark.slow
 def test_the_bridge_holds_its_load():
     simulation, _ = open_scene("loaded_bridge")
-    run(simulation, 150)
+    simulation.run(150)
     lowest = min(mesh.currVertices[:, 1].min() for mesh in simulation.meshes[15:])
     assert lowest > 10.0
     assert simulation.largest_violation() < 0.5
