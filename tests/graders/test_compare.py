@@ -164,6 +164,15 @@ def test_a_difference_ends_it_with_1(scene, tmp_path, run):
     assert [one.split()[0] for one in terms if "theirs" in one] == ["K", "j", "v1′", "ω1′"]
 
 
+SET = {"tolerance=1e-3": "28 steps agree", "tolerance=9": "of box 1", "x=1": "no parameter x"}
+
+
+@pytest.mark.parametrize(("given", "said"), SET.items())
+def test_run_timestep_is_given_parameters_of_its_own(given, said, tmp_path, run):
+    words = write_submission(tmp_path / "a"), "tower_chain", "--steps", 28, "--set", given
+    assert said in run("compare.py", *words).stdout
+
+
 ENDS = {
     "endless-loop": (1, "step 1: stopped after 1 s, at RBSFunctions.py:"),
     "returns-nothing": (60, "step 24: detect_collision: returns nothing; RBS"),

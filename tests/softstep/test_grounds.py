@@ -289,12 +289,9 @@ def test_what_others_hold_stays_where_it_is_if_one_support_is_removed():
     for gone in (9 + 5, 0):  # from the last
         state.remove(gone)
         del meshes[gone]
-    start, tops = state_of(meshes)[:, :3], []
-    for _ in range(30):
-        run(meshes, H, hasGround=True, mu=0.5, solverState=state)
-        tops.append(experiments.top_speed(meshes))
-    assert 0.01 < max(tops) < 0.05  # and awake
-    assert np.abs(state_of(meshes)[:, :3] - start).max() < G * H**2 / 2
+    start = state_of(meshes)[:, :3]
+    run(meshes, 0.6, hasGround=True, mu=0.5, solverState=state)
+    assert 1e-4 < np.abs(state_of(meshes)[:, :3] - start).max() < G * H**2 / 2
 
 
 # Grounds that move, and bodies that are linked
