@@ -11,7 +11,7 @@ from contextlib import suppress
 from types import SimpleNamespace
 
 import numpy as np
-from worker.steps import BUILT
+from worker.steps import BUILT, as_list
 
 import RBSFunctions
 from Quaternion import QRotate
@@ -75,12 +75,6 @@ def states_in(meshes):
     return [[np.array(getattr(mesh, name)).tolist() for name in STATES] for mesh in meshes]
 
 
-def as_lists(value):
-    if isinstance(value, tuple | list):
-        return [as_lists(one) for one in value]
-    return value.tolist() if hasattr(value, "tolist") else value
-
-
 class Wrong(Exception):
     """What a call of a student's function did wrong; with the function's name."""
 
@@ -110,7 +104,7 @@ class Calls:
         """Makes a call; moves our meshes as it has moved theirs. Raises Wrong."""
         indices = {id(mesh): k for k, mesh in enumerate(self._meshes)}
         bodies = [indices[id(one)] for one in given if id(one) in indices]
-        others = [as_lists(one) for one in given if id(one) not in indices]
+        others = [as_list(one) for one in given if id(one) not in indices]
         before = states_in([self._meshes[k] for k in bodies])
         (told,) = self._ask({"calls": [[name, bodies, before, others]]})["calls"]
         if told["problem"]:
@@ -364,7 +358,7 @@ class Comparison:
 
         def lossy(positions, points, linVelocities, *others):
             right = RBSFunctions.resolve_velocity_constraint
-            calls.append([VELOCITY, [], [], as_lists((positions, points, linVelocities, *others))])
+            calls.append([VELOCITY, [], [], as_list((positions, points, linVelocities, *others))])
             wasValid, (first, second), spins = right(positions, points, linVelocities, *others)
             found.append((wasValid, (first, second), spins))
             return wasValid, (first, linVelocities[1] if LOSES in slips else second), spins

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 from Quaternion import QConj, QRotate
 from rbs.geometry.triples import ZERO
-from rbs.program.results import Results, check_kind
+from rbs.program.results import Results
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.messages import counted
+from rbs.scenes.messages import check_kind, counted
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.scenes.settingtexts import apply_settings
 from rbs.scenes.simulation import SceneSimulation, index_of

@@ -24,7 +24,7 @@ from rbs.recordings.page import PageWriter, Player
 from rbs.recordings.replay import RecordedSettings
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
-from rbs.scenes.messages import one_line
+from rbs.scenes.messages import check_kind, one_line
 from rbs.scenes.scene import Writer, followed_by, steps_of_run
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.simulation import check_attributes, no_attribute
@@ -191,9 +191,3 @@ def names_of(kind):
     """Returns the public names of the attributes of a class's instances."""
     names = {*dir(kind)}.union(*(vars(one).get("__annotations__", ()) for one in kind.__mro__))
     return sorted(name for name in names if name[0] != "_")
-
-
-def check_kind(name, value, kind, what):
-    """Raises TypeError, naming an argument, unless it is of a type. what : the type in words"""
-    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not object):
-        raise TypeError(f"{name} must be {what}, not {type(value).__name__}")

@@ -50,16 +50,15 @@ class RecordedSettings(Settings):
 class Replay(Scene):
     """A recording with the interface of a simulation.
 
-    Attributes, besides those of `Scene`: recording; firstStep, lastStep; lastTime, of the last
-    step, in s. Settings, bodies and constraints are those of the present step: where bodies were
-    added or removed by hand, `meshes` becomes a new list.
+    Attributes, besides those of `Scene`: recording; firstStep, lastStep. Settings, bodies and
+    constraints are those of the present step: where bodies were added or removed by hand, `meshes`
+    becomes a new list.
     """
 
     isEditable = False
     recording: Recording
     firstStep: int
     lastStep: int
-    lastTime: float
 
     def __init__(self, recording: Recording, submitted: Any = None) -> None:
         """Starts at the first recorded step. Raises RecordingError or SceneError."""
@@ -67,7 +66,6 @@ class Replay(Scene):
             super().__init__(recording.source, *recording.source.make())
         self.recording, self.submitted = recording, submitted
         self.firstStep, self.lastStep = recording.firstStep, recording.lastStep
-        self.lastTime = recording.frame(self.lastStep)["times"]
         self._settings = {
             first: RecordedSettings(**vars(restored_settings(recording, first)))
             for first, _ in recording.settingsHistory

@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from itertools import chain, count
 from pathlib import Path
 
-from rbs.scenes.messages import InputError, counted, one_line, short
+from rbs.scenes.messages import InputError, check_kind, counted, one_line, short
 
 RECORDING_ENDINGS = (".h5", ".hdf5")
 # Beginnings of files that bear the name of another kind, and what these files are.
@@ -31,8 +31,7 @@ UTF16_MARKS = b"\xff\xfe", b"\xfe\xff"
 
 def check_path(path, what="a file"):
     """Raises TypeError unless this is the name of a file. what : kind of file, as `a video`"""
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"the name of {what} must be a path, not {type(path).__name__}")
+    check_kind(f"the name of {what}", path, str | os.PathLike, "a path")
 
 
 def check_readable(path):

@@ -110,6 +110,12 @@ def counted(count, noun):
     return f"{count} {noun if count == 1 else plural}"
 
 
+def check_kind(name, value, kind, what):
+    """Raises TypeError, naming an argument, unless it is of a type. what : the type in words"""
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not object):
+        raise TypeError(f"{name} must be {what}, not {type(value).__name__}")
+
+
 def prefix_of(value):
     """Returns the largest of PREFIXES that a value reaches; "" if it reaches none or is NaN."""
     return next((prefix for prefix, size in PREFIXES.items() if value >= size), "")

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rbs.scenes.files import interrupts_held
-from rbs.scenes.messages import counted, shown_path
+from rbs.scenes.messages import check_kind, counted, shown_path
 from rbs.scenes.state import COLUMNS, STATE_NAMES, Energies, State, arrays_of, rows_of, set_numbers
 from rbs.stepping.meshes import STATE_WIDTHS, checked_numbers
 from RBSFunctions import ground
@@ -68,8 +68,8 @@ class Scene(Energies):
     """Bodies and constraints in some state; the base of `SceneSimulation` and `Replay`.
 
     Views and writers use only these attributes and methods. A Scene that is not editable is a
-    Replay, with `seek`, firstStep, lastStep and lastTime: its bodies and settings cannot be
-    changed, and its steps end.
+    Replay, with `seek`, firstStep and lastStep: its bodies and settings cannot be changed, and its
+    steps end.
     """
 
     source: Any  # SceneSource
@@ -189,8 +189,7 @@ class Scene(Energies):
 
     def _own_meshes(self, state):
         """Returns this run's bodies of a `State`. Raises TypeError or ValueError."""
-        if not isinstance(state, State):
-            raise TypeError(f"state must be a State, not {type(state).__name__}")
+        check_kind("state", state, State, "a State")
         if state.sceneMeshes is self._sceneMeshes:
             return list(state.meshes)
         if state.sceneKey != self._sceneKey:
@@ -218,8 +217,7 @@ class Scene(Energies):
         """Puts the n bodies into a state, as `state()` returns it: a dict of positions (n, 3),
         orientations (n, 4), linVelocities and angVelocities (n, 3). Raises ValueError.
         """
-        if not isinstance(state, dict):
-            raise TypeError(f"state must be a dict, not {type(state).__name__}")
+        check_kind("state", state, dict, "a dict")
         tables, count = {}, len(self.meshes)
         for plural, name in STATE_NAMES.items():
             if plural not in state:

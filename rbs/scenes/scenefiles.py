@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from rbs.geometry.triples import floats
 from rbs.scenes.files import RECORDING_ENDINGS, LineReader, SceneError, check_path, read_text
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file, warn_of_shape
-from rbs.scenes.messages import PROGRAM_NAME, did_you_mean, short
+from rbs.scenes.messages import PROGRAM_NAME, check_kind, did_you_mean, short
 from rbs.scenes.state import inertias_of, set_inertia
 from rbs.stepping.constraints import constraint_table
 from rbs.stepping.meshes import STATE_WIDTHS
@@ -247,13 +247,11 @@ class BodySource(SceneSource):
     @classmethod
     def of_meshes(cls, meshes, constraints=(), name="scene"):
         """Keeps copies; raises TypeError or ValueError, which says what cannot be used."""
-        if not isinstance(constraints, list | tuple | np.ndarray):
-            kind = type(constraints).__name__
-            raise TypeError(f"constraints must be a list of rows, not {kind}; see settings=")
+        kinds, what = list | tuple | np.ndarray, "a list of rows (see settings=)"
+        check_kind("constraints", constraints, kinds, what)
         shapes, names, bodies = {}, {}, []
         for b, mesh in enumerate(meshes):
-            if not isinstance(mesh, Mesh):
-                raise TypeError(f"meshes[{b}] must be a Mesh, not {type(mesh).__name__}")
+            check_kind(f"meshes[{b}]", mesh, Mesh, "a Mesh")
             check_shape(f"meshes[{b}]", mesh)
             arrays = mesh.origVertices.copy(), mesh.faces.copy(), mesh.tets.copy()
             shape = names.setdefault(tuple(map(bytes, arrays)), str(len(names)))

@@ -20,7 +20,7 @@ from rbs.geometry.triples import shown_value
 from rbs.glass.mistakes import mistake_in
 from rbs.glass.model import in_world_axes
 from rbs.glass.trace import Difference, first_difference, labels, same, state_difference
-from rbs.scenes.messages import counted
+from rbs.scenes.messages import check_kind, counted
 from rbs.scenes.scene import Scene
 from rbs.scenes.scenefiles import BodySource, SceneSource, check_shape, scene_name
 from rbs.scenes.state import STATE_NAMES, State, removed_from, rows_of, set_numbers, without_body
@@ -99,8 +99,7 @@ class SceneSimulation(Scene):
         Raises TypeError or ValueError if something in the list is no Mesh, or a constraint names a
         missing vertex; AttributeError for an attribute that means nothing to a Mesh.
         """
-        if not isinstance(meshes, Iterable):
-            raise TypeError(f"meshes must be Meshes in a list, not {type(meshes).__name__}")
+        check_kind("meshes", meshes, Iterable, "Meshes in a list")
         meshes = list(meshes)
         source = BodySource.of_meshes(meshes, constraints, name)
         check_attributes(meshes)
@@ -141,8 +140,7 @@ class SceneSimulation(Scene):
 
         `reset` removes it.
         """
-        if not isinstance(mesh, Mesh):
-            raise TypeError(f"mesh must be a Mesh, not {type(mesh).__name__}")
+        check_kind("mesh", mesh, Mesh, "a Mesh")
         check_attributes([mesh])
         check_shape("mesh", mesh)
         state = mesh.density, mesh.position, mesh.orientation, False

@@ -364,7 +364,7 @@ class StillContacts:
 
     @cached_property
     def columns(self):
-        """The contacts, as for `StepReport.add_columns`."""
+        """The contacts, as `ContactColumns`."""
         self._bodies.update_rotations()
         manifolds, rows = self._manifolds, np.arange(len(self._manifolds.key))
         placed = PlacedManifolds(manifolds, Frames(self._bodies), rows)

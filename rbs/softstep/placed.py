@@ -4,7 +4,7 @@ import numpy as np
 
 from rbs.geometry.vectors import cross, dot, mat_vec, take
 from rbs.softstep.manifolds import POINTS
-from rbs.stepping.reports import GROUND
+from rbs.stepping.reports import GROUND, ContactColumns
 
 # Columns (3, 2, 1): the normal from a body towards the ground, and the first tangent of friction.
 GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
@@ -47,8 +47,8 @@ class PlacedManifolds:
         return np.array((height, dot(self.t, self.normal) - height - gap[deepest]))
 
     def reported(self, total):
-        """Columns, as for `StepReport.add_columns`, of every point that touches or received an
-        impulse, at the start of the step.
+        """`ContactColumns` of every point that touches or received an impulse, at the start of the
+        step.
 
         total : (7, M), impulses of the rows, see `SoftContacts`
 
@@ -61,4 +61,5 @@ class PlacedManifolds:
         impulse, arm = impulse[k, m], self.arm[:, k, m]
         depth, point = np.maximum(-self.gap[k, m], 0.0), take(self.start1, m, axis=1) + arm
         bodies = (take(x, m) for x in (self.key, self.first, self.other))
-        return *bodies, depth, take(self.normal, m, axis=1), point, impulse, friction * impulse, arm
+        normal, friction = take(self.normal, m, axis=1), friction * impulse
+        return ContactColumns(*bodies, depth, normal, point, impulse, friction, arm)

@@ -85,7 +85,7 @@ def soft_step(step):
         bodies.write_back()
     report.isAsleep, report.candidatePairs = state.sleep.isAsleep, len(state.pairKey)
     report.constraintVisits = distances.visits
-    report.add_columns(*contacts.reported(contacts.total))
+    report.add_columns(contacts.reported(contacts.total))
     if len(contacts.others):
         report.add_later(StillContacts(step, state.manifolds.rows(contacts.others)))
 

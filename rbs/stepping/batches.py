@@ -25,7 +25,7 @@ from rbs.geometry.patches import contact_points
 from rbs.geometry.vectors import cross, cycled, dot, indices, norm, take
 from rbs.stepping.constraints import linked_keys
 from rbs.stepping.kernels import collide, inverse_effective_mass, position_corrections
-from rbs.stepping.reports import GROUND
+from rbs.stepping.reports import GROUND, ContactColumns
 
 # Least margin of a body, as a fraction of its radius, and what is added, as a multiple of its
 # displacement in the step before. With more, more pairs are processed; with less, more passes made.
@@ -105,7 +105,8 @@ def apply_impulses(step, contacts, penPoint, starts):
         impulse[some], friction[:, some] = collide(velocity, *contact, step)
         velocities[:, b] = velocity
     ends = np.where(ends == len(bodies.meshes), GROUND, ends)
-    step.report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:3, 0])
+    columns = rank, *ends, depth, n, penPoint, impulse, friction, arms[:3, 0]
+    step.report.add_columns(ContactColumns(*columns))
 
 
 def find_contacts(bodies, linked):

@@ -2,6 +2,7 @@
 
 import itertools
 import time
+from collections import namedtuple
 from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -35,6 +36,10 @@ class Contact(NamedTuple):
     impulse: float  # mass · speed, on body 2, along the normal
     friction: tuple  # mass · speed, on body 2, perpendicular to the normal
     arm: tuple  # from the COM of body 1 to where the impulses act
+
+
+# m contacts: rank (m,), position in the order i < j, and the fields of `Contact`, (m,) or (3, m).
+ContactColumns = namedtuple("ContactColumns", ("rank", *Contact._fields))
 
 
 class StepReport:
@@ -76,14 +81,14 @@ class StepReport:
     @property
     def contactCount(self):
         """Number of contacts, without listing them."""
-        return len(self._contacts) + len(self.found) + sum(len(x.columns[0]) for x in self._later)
+        return len(self._contacts) + len(self.found) + sum(len(x.columns.rank) for x in self._later)
 
     @property
     def deepest(self):
         """Largest depth of a contact, or 0, without listing them."""
         depths = [contact.depth for contact in self._contacts]
         depths += [abs(number(found[2])) for found in self.found]
-        depths += [late.columns[3].max(initial=0.0) for late in self._later]
+        depths += [late.columns.depth.max(initial=0.0) for late in self._later]
         return float(max(depths, default=0.0))
 
     @property
@@ -91,14 +96,12 @@ class StepReport:
         """Whether any bodies sleep. The impulses between them balance gravity."""
         return self.isAsleep is not None and bool(self.isAsleep.any())
 
-    def add_columns(self, *columns):
-        """Adds contacts given as arrays: rank (m,), position in the order i < j; then the fields of
-        `Contact`, (m,) or (3, m).
-        """
+    def add_columns(self, columns):
+        """Adds contacts given as `ContactColumns`."""
         self.add_later(SimpleNamespace(columns=columns))
 
     def add_later(self, contacts):
-        """Adds contacts that are listed once somebody asks, by their `columns`."""
+        """Adds contacts that are listed once somebody asks for their `columns`."""
         self._later.append(contacts)
 
     def phase(self, name):

@@ -196,21 +196,19 @@ def started(meshes, names=ENGINES, sleeping=False):
 TURN = 5  # steps
 
 
-def in_turns(runs, turns, warm=0):
+def in_turns(runs, turns):
     """Steps runs in turns; returns name → milliseconds of processor time of each step (n,).
 
     A turn has TURN steps after one that does not count, as it finds another's data in the caches.
-    warm : turns before that do not count
     """
     times = {name: [] for name in runs}
-    for turn in range(warm + turns):
+    for _ in range(turns):
         for name, one in runs.items():
             one.step()
             for _ in range(TURN):
                 begin = time.process_time()
                 one.step()
-                if turn >= warm:
-                    times[name].append(1e3 * (time.process_time() - begin))
+                times[name].append(1e3 * (time.process_time() - begin))
     return {name: np.array(values) for name, values in times.items()}
 
 

@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from benchmark import describe_machine
 from engines import ENGINES, OWN, TIME_STEP, heap_states, throw
-from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation
+from oracles import DATA, body, box_body, penetrations, quaternion, random_quaternions, rotation
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rbs.scenes.messages import InputError
-from RigidBodySimulation import shapes
+from RigidBodySimulation import load_scene_file, shapes
 
 G = 9.8
 UNIT = (1.0, 1.0, 1.0)
@@ -86,18 +86,23 @@ def top_speed(meshes):
 # What slides over flush blocks
 
 
-def tiles(width=2.0, count=9, isFixed=True):
-    places = [(-3 + width * (k + 0.5), 4.0 * row) for k in range(count) for row in (-1, 0, 1)]
-    return [box(x, -0.5, z, (width, 1, 4), isFixed=isFixed) for x, z in places]
+def tiles(width=2.0, depth=2.0, rows=3, uneven=0.0, turn=0.0, count=9, isFixed=True):
+    """Blocks of height 1 below y = 0 from x = -3 on, or lower by up to `uneven`."""
+    q, rng, meshes = quaternion((0, 1, 0), turn), np.random.default_rng(1), []
+    for k, r in itertools.product(range(count), range(rows)):
+        place = -3 + (k + 0.5) * width, -0.5 - uneven * rng.random(), (r - rows // 2) * depth
+        place, settings = rotation(q).apply(place), {"orientation": q, "isFixed": isFixed}
+        meshes.append(box(*place, (width, 1, depth), **settings))
+    return meshes
 
 
 FLOORS = {
-    "tiles": tiles,
+    "tiles": lambda: tiles(depth=4.0),
     "slab": lambda: [box(0, -0.5, 0, (60, 1, 8), isFixed=True)],
     "wall": lambda: (
-        tiles() + [box(1.5 * k, 1, 1, (1.5, 2, 1), isFixed=True) for k in range(-2, 18)]
+        tiles(depth=4.0) + [box(1.5 * k, 1, 1, (1.5, 2, 1), isFixed=True) for k in range(-2, 18)]
     ),
-    "free row": lambda: tiles(1.0, 14, False)[1::3],
+    "free row": lambda: tiles(1.0, 4.0, rows=1, count=14, isFixed=False),
 }
 CORNERS = 0.6 * np.vstack((np.eye(3), -np.eye(3)))
 ON_A_FACE = Rotation.align_vectors([[0, -1, 0]], [[1, 1, 1]])[0].as_quat()[[3, 0, 1, 2]]
@@ -125,21 +130,27 @@ def crossing(engine, mover, speed, floor="tiles", seconds=4.0, mu=0.0, **setting
 # Blows
 
 
-def corner_rebounds(engine, e):
-    """Median and largest separation of a corner that slides as it lands, of its approach."""
+def corner_rebounds(engine, e, sides=UNIT):
+    """Least and largest separation of a corner that slides as it lands, of its approach.
+
+    Both with the arm at the start of the step in which it lands.
+    """
     ratios, turns = [], random_quaternions(np.random.default_rng(7), 25)
     for gap, q in zip(np.linspace(0.001, 0.12, 25), turns, strict=True):
-        mesh = throw(above(box(orientation=q), gap), (3.0, -2.0, 0.0))
+        mesh = throw(above(box(sides=sides, orientation=q), gap), (3.0, -2.0, 0.0))
         corner = int(mesh.currVertices[:, 1].argmin())
 
-        def speed(mesh=mesh, corner=corner):
+        def watch(mesh=mesh, corner=corner):
             arm = mesh.currVertices[corner] - mesh.position[0]
-            return (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm))[1]
+            return mesh.linVelocity[0], mesh.angVelocity[0], arm
 
-        speeds = [-2.0, *run(engine, [mesh], 0.24, e=e, mu=1.0, watch=speed)[1]]
-        hit = int((np.diff(speeds) > 0.5).argmax())
-        ratios.append(-speeds[hit + 1] / speeds[hit])
-    return np.median(ratios), max(ratios)
+        track = [watch(), *run(engine, [mesh], 0.24, e=e, mu=1.0, watch=watch)[1]]
+        v, w, arm = np.moveaxis(track, 1, 0)
+        before = (v[:-1] + np.cross(w[:-1], arm[:-1]))[:, 1]
+        after = (v[1:] + np.cross(w[1:], arm[:-1]))[:, 1]
+        hit = int((after - before > 0.5).argmax())
+        ratios.append(-after[hit] / before[hit])
+    return min(ratios), max(ratios)
 
 
 def edge_landing(engine, e):
@@ -301,11 +312,12 @@ def as_forces(engine, make, part=1.0, seconds=1.0, **settings):
 # Sleep
 
 
-def slope(engine, degrees):
-    """Way of a box down a slope without friction in 10 s."""
-    mesh, angle = box(), np.radians(degrees)
-    gravity = (G * np.sin(angle), -G * np.cos(angle), 0)
-    run(engine, [box(0, -0.5, 0, (60, 1, 10), isFixed=True), mesh], 10.0, mu=0.0, gravity=gravity)
+def slope(engine, degrees, side=1.0, seconds=10.0, mu=0.0, **settings):
+    """Way of a cube down a slope."""
+    mesh, angle = box(0, side / 2, 0, (side, side, side)), np.radians(degrees)
+    settings["gravity"] = (G * np.sin(angle), -G * np.cos(angle), 0)
+    floor = box(0, -side / 2, 0, (60 * side, side, 10 * side), isFixed=True)
+    run(engine, [floor, mesh], seconds, mu=mu, **settings)
     return mesh.position[0, 0]
 
 
@@ -806,6 +818,16 @@ def pyramid(rows):
 def table():
     legs = [box(x, 1, z, CUBE) for x in (-2, 2) for z in (-2, 2)]
     return [*legs, box(0, 3, 0, (6, 2, 6), density=400 * 8 / 72)]
+
+
+def legs():
+    """Four, with a load off their middle."""
+    load = box(0.3, 1.25, 0, (2, 0.5, 2), density=3.6)
+    return [*(box(x, 0.5, z, (0.3, 1, 0.3)) for x in (-0.8, 0.8) for z in (-0.8, 0.8)), load]
+
+
+def building(name):
+    return load_scene_file(DATA / f"{name}-scene.txt")
 
 
 def pile(engine, make, *arguments, seconds=40.0, **settings):

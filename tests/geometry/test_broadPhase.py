@@ -87,11 +87,11 @@ MARGINS = (
 )
 
 
-def make_heap(seed, count=20):
-    """`count` meshes of mixed shapes and sizes, turned at random, that overlap above the ground."""
+def make_heap(seed):
+    """20 meshes of mixed shapes and sizes, turned at random, that overlap above the ground."""
     rng = np.random.default_rng(seed)
     meshes = []
-    for k in range(count):
+    for k in range(20):
         name, size = SHAPES[k % len(SHAPES)], np.exp(rng.uniform(*np.log([0.3, 3.0])))
         position, density = rng.uniform((-12, 4, -12), (12, 28, 12)), rng.uniform(0.5, 2.0)
         mesh = body(name, position, rng.normal(size=4), density, k % 11 == 10, size)

@@ -154,14 +154,6 @@ def write_zip(path, files):
     return path
 
 
-def loaded(files):
-    """The modules RBSFunctions and Quaternion of a submission, and its folder."""
-    folder = Path(tempfile.mkdtemp(prefix="variant-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    found = load_submission(written(folder, files))
-    return found.functions, found.quaternion, found.folder
-
-
 @functools.cache
 def first_data(name, folder=DATA):
     """(a grader, the first samples of its data in a folder, and as many fresh ones)"""
@@ -174,14 +166,14 @@ def first_data(name, folder=DATA):
     return grader, grader.with_fresh(data, 1)
 
 
-def grades_of(files, folder=DATA):
-    """The Grades of a submission by each of the three graders, on the data in a folder."""
-    given = [first_data(name, folder) for name in GRADERS]
+def grades_of(files):
+    """The Grades of a submission by each of the three graders."""
     gradeReport = importlib.import_module("verdict.gradeReport")
-    grades = []
-    functions, quaternion, place = loaded(files)
-    for grader, data in given:
-        outcomes = grader.judge(functions, quaternion, data, place)
+    grades, folder = [], Path(tempfile.mkdtemp(prefix="variant-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    found = load_submission(written(folder, files))
+    for grader, data in map(first_data, GRADERS):
+        outcomes = grader.judge(found.functions, found.quaternion, data, found.folder)
         grades.append(gradeReport.make_grade(grader, outcomes, data))
     return grades
 

@@ -19,10 +19,6 @@ STUBS = UNTOUCHED[FUNCTIONS]
 IS_USER = not hasattr(os, "geteuid") or os.geteuid() != 0
 
 
-def stubs(top="", end=""):
-    return UNTOUCHED | {FUNCTIONS: f"{top}\n{STUBS}\n{end}\n"}
-
-
 # Whatever the process holds: modules, all objects, frames, open files, environment, parents.
 MEMORY = """
 import gc, glob, os, sys
@@ -91,7 +87,7 @@ threading.Thread(target=_later, daemon=True).start()
 NOT_FINITE = "resolve_position_constraint = lambda x, *r: (float('nan'), [x[0] / 0.0] * 2)"
 ENDS = {"memory": MEMORY, "table-of-answers": TABLE, "forging-thread": THREAD}
 ENDS |= {"number-that-agrees": NUMBER, "exit-0": EXITS, "not-finite": NOT_FINITE}
-CHEATS = {name: stubs(end=code) for name, code in ENDS.items()}
+CHEATS = {name: UNTOUCHED | {FUNCTIONS: f"{STUBS}\n{code}\n"} for name, code in ENDS.items()}
 
 
 def graded(folder, hand_ins, *options, code=1, right=("a right", "z right")):

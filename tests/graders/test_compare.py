@@ -123,10 +123,6 @@ DRIVERS = {
         ),
         "step 1: run_timestep: changes isFixed of .* 2; the functions do not",
     ),
-    "a body put to sleep": (
-        (START, f"    m1.isFixed = True\n{START}"),
-        "step 1: resolve_collision: changes isFixed of .*; RBS",
-    ),
     "no ground": (
         ("if lowest[1] <= 0.0:", "if lowest[1] <= -9.0:"),
         r"run_timestep: position of box 3 is \(.*\) in ours",
@@ -185,6 +181,15 @@ def test_a_difference_ends_it_with_1(scene, tmp_path, run):
     assert remark.startswith("IT is six times too small, as in the released skeleton")
     assert line.startswith("step 1: resolve_collision: contact 1: impulse of box 3 and the ground")
     assert [one.split()[0] for one in terms if "theirs" in one] == ["K", "j", "v1′", "ω1′"]
+
+
+SET = {"tolerance=1e-3": "28 steps agree", "tolerance=9": "of box 1", "x=1": "no parameter x"}
+
+
+@pytest.mark.parametrize(("given", "said"), SET.items())
+def test_run_timestep_is_given_parameters_of_its_own(given, said, tmp_path, run):
+    words = write_submission(tmp_path / "a"), "tower_chain", "--steps", 28, "--set", given
+    assert said in run("compare.py", *words).stdout
 
 
 ENDS = {

@@ -31,10 +31,6 @@ def reported_errors(output):
     return errors
 
 
-def load(name):
-    return graderData.load_grader_data(DATA / name, LAYOUTS[name])
-
-
 @pytest.mark.parametrize("grader, count", [(INTEGRATION, 6), (COLLISIONS, 12), (CONSTRAINTS, 18)])
 def test_the_simulation_passes_on_our_data(grader, count, run, tmp_path):
     graded = run(grader, cwd=tmp_path)
@@ -97,7 +93,7 @@ def test_unusable_data_are_refused_in_one_line(case, tmp_path, run):
 def test_the_data_are_those_of_the_formulas(tmp_path):
     make_reference.make_reference(tmp_path)
     for name, layout in LAYOUTS.items():
-        stored, made = load(name), graderData.load_grader_data(tmp_path / name, layout)
+        stored, made = (graderData.load_grader_data(p / name, layout) for p in (DATA, tmp_path))
         for key in layout:
             assert made[key] == pytest.approx(stored[key], abs=ROUNDING), (name, key)
         for content in ((DATA / name).read_bytes(), (tmp_path / name).read_bytes()):

@@ -78,6 +78,7 @@ BAD = {
     "integrationGrading.py --modules empty": "empty: no submission in this folder",
     "Constraints.py --modules noted.zip": "noted.zip: has no RBSFunctions.py; save the functions",
     "compare.py student mixed --constraints no.txt": "no.txt: ",
+    "compare.py student mixed --set 3": "argument --set: '3' is not NAME=VALUE",
     "compare.py student mixed --restitution 2": "a finite number, 0 to 1, not '2' (",
     "Constraints.py --memory-limit 64": "--memory-limit: must be 256 or more, not 64 ",
     "integrationGrading.py --time-limit 0": "--time-limit: must be 0.1 or more, not 0 ",

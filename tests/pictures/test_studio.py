@@ -16,10 +16,10 @@ from rbs.scenes.simulation import SceneSimulation
 SIZE = (160, 90)
 
 
-def view_of(*meshes, size=SIZE, **options):
+def view_of(*meshes):
     """A SceneView of bodies in the studio look."""
     simulation = SceneSimulation.from_meshes(meshes)
-    options = PictureOptions(size, look="studio", **options)
+    options = PictureOptions(SIZE, look="studio")
     return start_view(simulation, require_opengl(), options)
 
 

@@ -53,7 +53,9 @@ def test_a_right_solution_does_not_differ_from_ours(name, tmp_path):
     folder = written(tmp_path, files_of_variant(name))
     for scene in ("mixed", "tower_chain"):
         theirs, impulses = beside(folder, scene), ([], [])
-        for _ in range(STEPS):
+        for step in range(STEPS):
+            if step == 20:  # a copy takes a body's place
+                theirs.add(theirs.meshes[3]), theirs.remove(3)
             theirs.step()
             for found, run in zip(impulses, (theirs, theirs.beside.ours), strict=True):
                 found += [contact.impulse for contact in run.report.contacts]

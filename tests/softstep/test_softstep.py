@@ -1,4 +1,4 @@
-"""The soft-step solver: closed forms, conservation, rest, determinism, sleeping, recordings."""
+"""The soft-step solver: closed forms, conservation, rest, sleeping, constraints, removed bodies."""
 
 import copy
 import itertools
@@ -7,7 +7,7 @@ import numpy as np
 import oracles
 import pytest
 from engines import throw
-from experiments import energy, top_speed
+from experiments import HANGING, beads, energy, fall, kinetic, run, top_speed
 from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation, state_of
 from scipy.spatial.transform import Rotation
 
@@ -16,26 +16,18 @@ from rbs.softstep.detection import separation_growths
 from rbs.softstep.manifolds import four_points
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import GRAVITY
-from RBSFunctions import run_timestep
 
 H = 0.02
 
 
-def simulate(meshes, steps, state=None, CRCoeff=0.0, hasGround=True, timeStep=H, **more):
+def simulate(meshes, steps, state=None, CRCoeff=0.0, timeStep=H, **more):
     """Steps of the soft-step solver, with friction 0.5; returns its state and the last report."""
-    state = SolverState() if state is None else state
-    floor = oracles.ground() if hasGround else None
-    options = {"mu": 0.5, "contactSolver": "soft-step", "solverState": state} | more
-    for _ in range(steps):
-        report = run_timestep(meshes, floor, timeStep, CRCoeff, **options)
-    return state, report
+    more["solverState"] = state = SolverState() if state is None else state
+    given = "soft step", meshes, steps * timeStep, timeStep, CRCoeff
+    return state, run(*given, **more)[0].report
 
 
-def positions(meshes):
-    return np.array([m.position[0] for m in meshes])
-
-
-def some_heap(seed=3, count=7):
+def some_heap(seed, count):
     """Boxes, octahedra and cylinders that fall onto each other and do not touch at the start."""
     rng = np.random.default_rng(seed)
     turns = random_quaternions(rng, count)
@@ -115,7 +107,7 @@ def test_a_cylinder_in_the_ground_touches_it_with_both_ends_of_its_side(roll):
 def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
     side = 2 * scale
     meshes = [box_body(side, side, side, (0, (i + 0.5) * side, 0)) for i in range(4)]
-    start = positions(meshes)
+    start = state_of(meshes)
     simulate(meshes, 60, timeStep=timeStep, sleeping=False)
     # Springs whose frequency is relative to the substeps' give way by a part of g h², whatever the
     # size: a load of N m g on a contact with the mass m/K sinks by K N g / (2 π f)², with f = 0.165
@@ -123,24 +115,8 @@ def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
     # on the ground, 2/0.8 between two such bodies, and 1 + 1/0.8 below the top one.
     split = np.array([1.25, 2.5, 2.5, 2.25])
     sinks = np.cumsum(split * [4, 3, 2, 1]) * -GRAVITY * (timeStep / 6 / (2 * np.pi * 0.165)) ** 2
-    assert (start - positions(meshes))[:, 1] == pytest.approx(sinks, rel=0.05)
+    assert (start - state_of(meshes))[:, 1] == pytest.approx(sinks, rel=0.05)
     assert top_speed(meshes) < 0.01 * np.sqrt(-GRAVITY * scale)
-
-
-@pytest.mark.parametrize("degrees, size", [(26, 2), (30, 2), (28, 50)])
-def test_a_box_on_a_slope_holds_or_slides_as_coulomb_has_it(degrees, size):
-    """At 28°, a body of 50 m is slow, for its size, for longer than it takes to fall asleep."""
-    angle, q = np.radians(degrees), quaternion((0, 0, 1), -degrees)
-    up = np.array([np.sin(angle), np.cos(angle), 0])
-    meshes = [
-        box_body(100 * size, size, 10 * size, (0, 0, 0), orientation=q, isFixed=True),
-        box_body(size, size, size, size * up, orientation=q),
-    ]
-    start = positions(meshes)[1]
-    simulate(meshes, 100, hasGround=False, sleeping=size == 50)
-    way = np.linalg.norm(positions(meshes)[1] - start)
-    pull = -GRAVITY * (np.sin(angle) - 0.5 * np.cos(angle))  # arctan 0.5 is 26.565°
-    assert way == pytest.approx(max(0.0, pull) * (100 * H) ** 2 / 2, rel=0.02, abs=0.01)
 
 
 @pytest.mark.slow
@@ -190,10 +166,12 @@ def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy():
 
 
 @pytest.mark.parametrize(
-    "e, lifts", [(0.0, (0.1, 0.25)), pytest.param(0.5, (0.0,), marks=pytest.mark.slow)]
+    "e, lifts", [(0.0, (0.1, 0.4)), pytest.param(0.5, (0.4,), marks=pytest.mark.slow)]
 )
 def test_linked_bodies_do_not_press_each_other_into_the_ground(e, lifts):
-    """Those that the ground stops whip the others, which would pass through it within a step."""
+    """Those that the ground stops whip the others, which would pass through it within a step, and
+    press those down again in every substep.
+    """
     meshes, links = [], []
     for k, lift in enumerate(lifts):
         one = SceneSimulation(oracles.DATA / "cube-scene.txt")
@@ -206,7 +184,7 @@ def test_linked_bodies_do_not_press_each_other_into_the_ground(e, lifts):
     for _ in range(120):
         simulate(meshes, 1, state, e, mu=0.0, constraints=links)
         lowest.append(min(mesh.lowest_vertex()[1] for mesh in meshes))
-    assert 0.1 > min(lowest) > -0.06
+    assert 0.1 > min(lowest) > -0.03
 
 
 def test_a_body_that_is_pulled_hard_stops_at_a_wall():
@@ -233,25 +211,6 @@ def test_bars_hold_a_body_as_thin_as_a_needle():
         bars += [[0, k, len(meshes) - 1, 0, length, isUpper] for isUpper in (True, False)]
     simulate(meshes, 5, hasGround=False, constraints=bars)
     assert np.linalg.norm(meshes[0].angVelocity) < 0.5 and top_speed(meshes) < 1e-4
-
-
-def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground():
-    """120 times as heavy, and so solved until it converges; and 30 times."""
-    pairs, kinds = [], [(60, 10)] * 8 + [(15, 40)] * 8
-    for k, (density, speed) in enumerate(kinds):
-        pairs.append([box_body(4, 2, 4, (0, 1, 20 * k))])
-        place, turn = (0.2 * (k % 8), 6, 20 * k + 0.3), quaternion((0, 0, 1), 20)
-        heavy = box_body(4, 4, 4, place, density=density, orientation=turn)
-        pairs[k].append(throw(heavy, (0.0, -speed, 0.0)))
-    state, lows, hits = SolverState(), [], set()
-    for _ in range(15):
-        report = simulate([mesh for pair in pairs for mesh in pair], 1, state)[1]
-        lows.append([light.currVertices[:, 1].min() for light, _ in pairs])
-        hits |= {c.body1 for c in report.contacts if c.body2 == c.body1 + 1}
-    assert len(hits) == 16
-    deepest = np.min(lows, axis=0)
-    # of a height of 2
-    assert deepest[:8].mean() > -0.1 and deepest[8:].mean() > -0.25, deepest
 
 
 @pytest.mark.parametrize("e", [0.0, 0.5])
@@ -311,21 +270,18 @@ def test_a_bounce_far_away_moves_nothing():
     assert results[0][:4] == pytest.approx(results[1][:4], abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    "e, mu, left, count",
-    [(0.0, 0.5, (0.0, 0.5), 5), pytest.param(1.0, 0.0, (0.5, 1.0), 7, marks=pytest.mark.slow)],
-)
-def test_bodies_that_fall_onto_each_other_gain_no_energy(e, mu, left, count):
-    """In any step at restitution 1, and above the start at 0, where loads sag and rise."""
-    meshes, state, hits = some_heap(count=count), SolverState(), 0
+@pytest.mark.slow
+def test_bodies_that_fall_onto_each_other_gain_no_energy():
+    """In any step at restitution 1."""
+    meshes, state, hits = some_heap(3, 7), SolverState(), 0
     energies = [energy(meshes)]
-    for _ in range(45 * count):
-        report = simulate(meshes, 1, state, CRCoeff=e, mu=mu, sleeping=False)[1]
+    for _ in range(315):
+        report = simulate(meshes, 1, state, CRCoeff=1.0, mu=0.0, sleeping=False)[1]
         energies.append(energy(meshes))
         hits += any(c.body2 >= 0 and c.impulse > 0.0 for c in report.contacts)
-    assert hits > 10 and left[0] < energies[-1] / energies[0] < left[1]
-    assert max(energies) < energies[0] * (1 + 1e-3) and penetrations(meshes).max(initial=0.0) < 0.2
-    assert e < 1.0 or np.diff(energies).max() < 1e-6 * energies[0]
+    assert hits > 10 and energies[-1] > 0.5 * energies[0]
+    assert np.diff(energies).max() < 1e-6 * energies[0]
+    assert penetrations(meshes).max(initial=0.0) < 0.2
 
 
 def test_bodies_in_each_other_part_whatever_the_time_step_was():
@@ -361,14 +317,9 @@ def push_the_top(meshes):
     meshes[2].push((5.0 * meshes[2].mass, 0.0, 0.0), meshes[2].position)
 
 
-def take_the_lowest(meshes):
-    meshes[0].position = np.array([[50.0, 1.0, 0.0]])
-
-
 # What is done to a sleeping stack, which of its bodies moves then, and where that one ends.
 DISTURBED = {
     "a blow": (push_the_top, 2, lambda place: place[0] > 1.0),
-    "a support that is lost": (take_the_lowest, 1, lambda place: place[1] < 1.1),
     "a body that comes down": (added(0.6, 12.0, 0.0), 2, lambda place: place[1] > 4.9),
     "a body that is added on top": (added(0.3, 7.0, 0.0), 2, lambda place: place[1] > 4.9),
 }
@@ -411,3 +362,123 @@ def test_a_body_that_is_added_far_away_changes_no_bit_of_what_sleeps(sleeping):
     del meshes[-1]
     simulate(meshes, 10, state)
     assert np.array_equal(state_of(meshes), before) and state.sleep.isAsleep.all()
+
+
+# Constraints, and bodies that are removed
+
+
+def hung(count, length):
+    """`(meshes, constraints)` of rods that hang by their corners from a fixed cube, at 60°."""
+    turn = quaternion((0, 0, 1), 60)
+    way = rotation(turn).apply((0, -1, 0))
+    meshes, constraints = [box_body(0.2, 0.2, 0.2, (0, 0, 0), isFixed=True)], []
+    low, high = (int((meshes[0].origVertices @ (1, s, 3)).argmax()) for s in (-2, 2))
+    for k in range(count):
+        mesh = box_body(0.1, 1.0, 0.1, (0, 0, 0), orientation=turn)
+        mesh.position = (meshes[k].currVertices[low] + length * way - mesh.currVertices[high])[None]
+        constraints += [[k, low, k + 1, high, length, isUpper] for isUpper in (True, False)]
+        meshes.append(mesh)
+    return meshes, constraints
+
+
+def tied_at_both_ends():
+    """`(meshes, constraints)` of a box, 1 m long, with two corners on fixed ones; it swings."""
+    mesh = box_body(1.0, 0.1, 0.1, (0, 0, 0), orientation=quaternion((0, 0, 1), 20))
+    meshes, constraints = [mesh], []
+    for k, side in enumerate((-1, 1), 1):
+        own = (mesh.origVertices @ (side, -2, 3)).argmax()
+        place = mesh.currVertices[own] + 0.1
+        meshes.append(box_body(0.2, 0.2, 0.2, place, isFixed=True))
+        other = np.linalg.norm(meshes[k].currVertices - mesh.currVertices[own], axis=1).argmin()
+        constraints += [[0, own, k, other, 0.0, isUpper] for isUpper in (True, False)]
+    return meshes, constraints
+
+
+# Rods and their distances, or a box on two joints; how much of its largest kinetic energy may be
+# missing, or added, within 3 s; and whether it tumbles.
+HUNG = [((1, 0.0), 0.01, False), ((5, 0.0), 0.01, False), ((2, 0.0), 0.01, True)]
+HUNG += [((1, 0.001), 0.01, False), ((2, 0.0001), 0.01, False), ((1, 0.1), 0.01, False)]
+HUNG += [((2, 0.1), 0.02, False), (None, 0.03, False)]
+
+
+@pytest.mark.parametrize("rods, within, isGyroscopic", HUNG)
+def test_rods_on_joints_and_short_bars_keep_their_energy(rods, within, isGyroscopic):
+    meshes, constraints = hung(*rods) if rods else tied_at_both_ends()
+    before = energy(meshes)
+    settings = HANGING | {"constraints": constraints, "linkedBodiesCollide": False}
+    settings["gyroscopic"] = isGyroscopic
+    settings["watch"] = lambda: (energy(meshes), kinetic(meshes))
+    _, track = run("soft step", meshes, 3.0, **settings)
+    assert abs(track[:, 0] - before).max() < within * track[:, 1].max()
+    for a, i, b, j, length, _ in constraints:
+        apart = np.linalg.norm(meshes[a].currVertices[i] - meshes[b].currVertices[j])
+        assert apart == pytest.approx(length, abs=5e-4)
+
+
+class Chain:
+    """A chain of six with an end of 1000 times their mass, let go at 60°, among other bodies."""
+
+    def __init__(self, before, after):
+        self.links, constraints = beads(6, 1000.0, 60.0)
+        self.others = [box_body(1, 1, 1, (50.0 + 3 * k, 0, 0)) for k in range(before + after)]
+        self.meshes = [*self.others[:before], *self.links, *self.others[before:]]
+        self.constraints = [[a + before, i, b + before, *end] for a, i, b, *end in constraints]
+        self.state = SolverState()
+
+    def remove(self, mesh):
+        gone = next(k for k, other in enumerate(self.meshes) if other is mesh)
+        self.state.remove(gone)
+        del self.meshes[gone]
+        rows = [row for row in self.constraints if gone not in (row[0], row[2])]
+        self.constraints = [[a - (a > gone), i, b - (b > gone), *end] for a, i, b, *end in rows]
+
+    def run(self, steps):
+        settings = {"constraints": self.constraints, "linkedBodiesCollide": False}
+        simulate(self.meshes, steps, self.state, hasGround=False, **settings)
+        return self
+
+
+@pytest.mark.parametrize("gone", [(0,), (5,), (4, 0, 1), (3, 2, 5)])
+def test_a_chain_swings_on_bit_for_bit_while_other_bodies_are_removed(gone):
+    chain = Chain(3, 3).run(20)
+    for k in gone:
+        chain.remove(chain.others[k])
+    same = Chain(3, 3).run(20)
+    given = [chain.state.constraintImpulse, same.state.constraintImpulse]
+    assert np.array_equal(*given) and given[0].any()
+    assert np.array_equal(state_of(chain.run(20).links), state_of(same.run(20).links))
+
+
+def test_a_link_that_is_removed_takes_only_its_own_constraints_along():
+    """What hangs below falls freely; what is left above swings on, as if the link were untied."""
+    chain, untied = Chain(1, 0).run(20), Chain(1, 0).run(20)
+    upper, lower = chain.links[1:3], chain.links[4:]
+    mass = np.array([[mesh.mass] for mesh in lower])
+    place, speed = (
+        (mass * [getattr(m, name)[0] for m in lower]).sum(axis=0) / mass.sum()
+        for name in ("position", "linVelocity")
+    )
+    chain.remove(chain.links[3])
+    untied.constraints = [row for row in untied.constraints if 4 not in (row[0], row[2])]
+    chain.run(10), untied.run(10)
+    centre = (mass * [m.position[0] for m in lower]).sum(axis=0) / mass.sum()
+    assert centre == pytest.approx(place + 0.2 * speed - [0, fall(10), 0], abs=1e-5)
+    assert state_of(upper) == pytest.approx(state_of(untied.links[1:3]), abs=1e-9)
+
+
+@pytest.mark.parametrize("isNoted", [True, False])
+def test_what_sleeps_on_ropes_falls_when_its_anchor_is_removed(isNoted):
+    """The anchor is fixed or, as the last of the list, also removed without a word."""
+    meshes = [box_body(1, 1, 1, (0, 0, 0)), box_body(1, 1, 1, (0, 3, 0), isFixed=True)]
+    high = np.flatnonzero(meshes[0].origVertices[:, 1] > 0)
+    ends = [
+        np.abs(meshes[1].origVertices - (x, -y, z)).sum(axis=1)
+        for x, y, z in meshes[0].origVertices[high]
+    ]
+    ropes = [[0, i, 1, d.argmin(), 2.0, True] for i, d in zip(high, ends, strict=True)]
+    state, _ = simulate(meshes, 100, hasGround=False, constraints=ropes)
+    assert state.sleep.isAsleep[0]
+    if isNoted:
+        state.remove(1)
+    simulate(meshes[:1], 1, state, hasGround=False)
+    assert meshes[0].linVelocity[0, 1] == pytest.approx(H * GRAVITY)

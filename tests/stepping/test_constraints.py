@@ -14,7 +14,6 @@ from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, SETTINGS, Settings
 from RBSFunctions import resolve_position_constraint, resolve_velocity_constraint, run_timestep
 
-G = 9.8
 H = 0.02  # seconds
 
 schedulings = pytest.mark.parametrize("scheduling", SETTINGS["constraintScheduling"].kind)

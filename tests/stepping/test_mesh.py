@@ -283,15 +283,9 @@ REFUSED = {
     "faces": (lambda x: shapes.from_surface("x", x, None, 1.0), (oracles.box(1, 1, 1), None, "")),
     "whole": (lambda x: shapes.from_surface("x", VERTICES, x, 1.0), (FACES + 0.5, [[True, 0, 1]])),
     "radius": (lambda x: shapes.sphere(x, 1), (-1, 0, math.nan, math.inf, "big", (1, 2))),
-    "size": (
-        lambda x: shapes.box(x, 1),
-        ((1, 1), (1, -1, 1), (1, True, 1), 2.0, None, [10**400] * 3),
-    ),
+    "size": (lambda x: shapes.box(x, 1), (2.0, (1, -1, 1), (1, True, 1), None, [10**400] * 3)),
     "sides": (lambda x: shapes.cylinder(1, 1, 1, sides=x), (2, -3, 4.5, 10**9)),
-    "points": (
-        lambda x: shapes.convex_hull(x, 1),
-        (np.eye(3), np.eye(4, 2), np.zeros(9), 3, ["123"]),
-    ),
+    "points": (lambda x: shapes.convex_hull(x, 1), (np.eye(3), np.eye(4, 2), 3, ["123"])),
     "density": (lambda x: shapes.box((1, 1, 1), x), (0, -1, None, math.nan, True)),
     "position": (lambda x: shapes.box((1, 1, 1), 1, x), ((1, 2), math.nan, "here")),
     "force": (lambda x: pair()[0].set_force(x), ((1, 2), None, (0, 0, math.nan))),

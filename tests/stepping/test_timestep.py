@@ -12,9 +12,7 @@ from oracles import DATA, SHAPES, body, box_body, ground, random_quaternions, ro
 from RBSFunctions import resolve_collision, run_timestep
 from RigidBodySimulation import load_scene_file
 
-G = 9.8
 H = 0.02  # seconds
-EPS = np.finfo(float).eps
 UP = np.array([0.0, 1.0, 0.0])
 MIXED = partial(load_scene_file, DATA / "mixed-scene.txt")
 

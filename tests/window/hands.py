@@ -56,13 +56,13 @@ class Hands:
             self.io.AddMouseButtonEvent(0, isDown)
             self.ps.frame_tick()
 
-    def drag(self, begin, end, act=lambda: None, steps=8):
+    def drag(self, begin, end, act=lambda: None):
         """Drags from one pixel (x, y) to another one, and does something when it has begun."""
-        for k in range(steps + 1):
-            x, y = np.array(begin) + k / steps * np.subtract(end, begin)
+        for k in range(9):
+            x, y = np.array(begin) + k / 8 * np.subtract(end, begin)
             self.io.AddMousePosEvent(x, y)
             self.ps.frame_tick()
-            if k in (0, steps):
+            if k in (0, 8):
                 self.io.AddMouseButtonEvent(0, k == 0)
                 self.ps.frame_tick()
             if k == 0:
