@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from engines import throw
 from experiments import MOVERS, above, box, roller, tiles
-from oracles import box_body, ground, penetrations, quaternion, rotation, state_of
+from oracles import box_body, ground, minkowski_depth, penetrations, quaternion, rotation, state_of
 
 from rbs.softstep.step import SolverState
 from RBSFunctions import run_timestep
@@ -268,7 +268,7 @@ def test_contacts_show_how_deep_bodies_are_in_each_other():
         if orientation is not None:
             mesh.orientation = np.array([orientation])
     pairs = [(log, block) for _, (log, _, block), _ in made]
-    deep = [oracles.minkowski_depth(a.currVertices, b.currVertices) for a, b in pairs]
+    deep = [minkowski_depth(a.currVertices, b.currVertices) for a, b in pairs]
     report, shown = experiments.run("soft step", meshes, H, **settings)[0].report, {}
     for c in report.contacts:
         shown[c.body1, c.body2] = max(c.depth, shown.get((c.body1, c.body2), 0.0))
