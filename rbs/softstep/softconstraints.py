@@ -252,10 +252,10 @@ class SoftConstraints:
         """Moves bodies, drops the pseudo-velocity of `pull`, and stops what violates the bounds."""
         self._move(motion, self.h * motion.rates())
         motion.velocity -= pushed
-        before, self._last = self._last, self._sizes()
-        self._update(motion, np.minimum(before, self._last))
+        self._update(motion, np.minimum(self._last, self._sizes()))
         error = self._speeds(motion.rates()) + self.scale * self.gap / self.h
         self.pulls = self._solve(motion, self.pulls, error, self.pulls != 0.0)
+        self._last = self._sizes()
         self.impulse[:, self.movable] = self._last, self._lasting
 
     def _solve(self, motion, old, error, isActive, isNear=False):
