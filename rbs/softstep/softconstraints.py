@@ -11,13 +11,13 @@ import numpy as np
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 from scipy.sparse import csgraph, csr_array
 
-from Quaternion import exponentials, multiply
-from rbs.geometry.vectors import cross, cycled, dot, indices, mat_vec, norm, take
+from Quaternion import multiply
+from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
 from rbs.softstep.contacts import push_speeds
 from rbs.softstep.manifolds import ROUNDING, TINY
 from rbs.softstep.rows import SWEEPS, TOLERANCE, inverted
 from rbs.stepping.constraints import ConstraintRows
-from rbs.stepping.flight import rotation_vectors
+from rbs.stepping.flight import quaternions, rotated, rotation_vectors
 from rbs.stepping.kernels import distance_error
 
 # Softness of pushes, as a fraction of each constraint's own response: where infeasible ones push
@@ -76,20 +76,15 @@ class SoftConstraints:
         if self.count == 0:
             return
         bodies, vertices, bounds = bodies[:, some], vertices[:, some], key[4:, some]
-        self._column, self._arms = self.columns.ravel(), frames.bodies.arms(bodies, vertices)
-        self._arms, self._centres = self._arms.reshape(3, -1), frames.position[:, bodies.ravel()]
-        self._axes, self._rotation = np.zeros((3, self.count)), np.zeros((4, len(motion.invMass)))
-        self._axes[:, self.isJoint], self._rotation[0] = (
-            np.tile(np.eye(3), self.isJoint.sum() // 3),
-            1.0,
-        )
+        self._column, arms = self.columns.ravel(), frames.bodies.arms(bodies, vertices)
+        self._arms, self._centres = arms.reshape(3, -1), frames.position[:, bodies.ravel()]
+        self._axes = np.eye(3)[:, np.arange(self.count) - some.searchsorted(some)]
+        self._rotation = quaternions(motion.turn)
         way = self._way(motion.shift, self._arms)
         length = norm(way)
         along = length.clip(*bounds) / np.maximum(length, TINY) * dot(self._axes, way)
         self.lower, self.upper = np.where(self.isJoint, along, bounds)
-        self.isRigid = self.lower >= self.upper
-        self._reach = norm(self._arms).reshape(2, -1)
-        self.pushSpeed = push_speeds(motion, radius[some])
+        self._reach, self.pushSpeed = norm(arms), push_speeds(motion, radius[some])
         self._places = (self._column + len(motion.invMass) * np.arange(6)[:, None]).ravel()
         isMoving = motion.invMass[self._column] > 0.0
         given = self._column.tobytes(), isMoving.tobytes()
@@ -126,24 +121,22 @@ class SoftConstraints:
         self.J = np.concatenate((d, rCrossD))
         self.MJ = np.concatenate((take(motion.invMass, self._column) * d, angular))
         diagonal = np.add.reduce(self.J * self.MJ).reshape(2, -1).sum(axis=0)
-        self.scale = 1.0 / np.sqrt(self._means(diagonal))
-        self.J, self.MJ = (x * np.tile(self.scale, 2) for x in (self.J, self.MJ))
+        self.response = self._summed(self.share * diagonal)
         self.A = np.add.reduce(take(self.J, self.ends[0], 1) * take(self.MJ, self.ends[1], 1))
         self._factors = {}
-        isUpper = self.length - self.upper >= self.lower - self.length
-        self.C = self.length - np.where(isUpper, self.upper, self.lower)
-        self.lowest = np.where(isUpper | self.isRigid, -np.inf, 0.0)
-        self.highest = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
+        bound = np.where(
+            self.length - self.upper >= self.lower - self.length, self.upper, self.lower
+        )
+        self.lowest = np.where(bound >= self.upper, -np.inf, 0.0)
+        self.highest = np.where(bound <= self.lower, np.inf, 0.0)
+        self.C = self.length - bound
         self.gap = self.C + (-self.C).clip(self.lowest, self.highest)
-        self.C = self.C - self.gap
+        self.C -= self.gap
+        self.isOff = np.abs(self.C) > TOLERANCE * self.lever
 
-    def _means(self, x):
-        """Means (K,) over the equations of each pair."""
-        return np.bincount(self.movable, self.share * x)[self.movable] if self.isJoint.any() else x
-
-    def _sizes(self):
-        """Sizes (K,) of the pulls, of all equations of a pair together."""
-        return np.sqrt(self._means(self.pulls**2) / self.share)
+    def _summed(self, x):
+        """Sums (K,) over the equations of each pair."""
+        return np.bincount(self.movable, x)[self.movable]
 
     def _way(self, shift, arm):
         """Vectors p1 - p2 (3, K) after bodies were displaced; arm : (3, 2 K)"""
@@ -156,8 +149,7 @@ class SoftConstraints:
         What constraints pull turns about other axes in each substep, so that rotation vectors do
         not add up.
         """
-        turn = exponentials((0.0, *(0.5 * change[3:])))
-        self._rotation = np.array(multiply(turn, self._rotation))
+        self._rotation = np.array(multiply(quaternions(change[3:]), self._rotation))
         motion.shift += change[:3]
         motion.turn[:] = rotation_vectors(self._rotation)
 
@@ -191,21 +183,17 @@ class SoftConstraints:
         if self.count == 0:
             return self.columns, self.columns
         strained = np.abs(self.C) > self.pushSpeed * self.h
-        begin, most, isOff = motion.displacement.copy(), 0.5 * np.abs(self.C), self._is_off()
+        begin, most, isOff = motion.displacement.copy(), 0.5 * np.abs(self.C), self.isOff
         isLeft = isOff
         for _ in range(SWEEPS):
             if not isLeft.any():
                 break
-            answer = self._answer(self.gap == 0.0, self.scale * self.C, ROUNDING)
+            answer = self._answer(self.gap == 0.0, self.C, ROUNDING)
             self._move(motion, self._changes(motion, answer))
             self._update(motion, self._lasting)
             isLeft = isOff & (np.abs(self.C) > most)
         motion.displacement[:] = begin
         return self.columns[:, strained], self.columns[:, isLeft]
-
-    def _is_off(self):
-        """Whether distances (K,) are beyond their bounds."""
-        return np.abs(self.C) > TOLERANCE * self.lever
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
@@ -217,30 +205,28 @@ class SoftConstraints:
         isPulling = self.pulls != 0.0
         self.pulls, error = np.zeros(self.count), self._predicted(motion)
         for _ in range(SWEEPS):
-            self.pulls = self._solve(motion, self.pulls, self.scale * error / h, isPulling, isNear)
-            isPulling = self.pulls != 0.0
-            before = self._most(error, isPulling)
+            self._solve(motion, error / h, isPulling, isNear)
+            isPulling, before = self.pulls != 0.0, self._most(error)
             if before <= TOLERANCE:  # so is what is left
                 break
             error = self._predicted(motion)
-            if not TOLERANCE < self._most(error, isPulling) < 0.5 * before:
+            if not TOLERANCE < self._most(error) < 0.5 * before:
                 break
-        speed = (self.C / h).clip(-self.pushSpeed, self.pushSpeed) * self.scale
-        pushed = self._changes(motion, self._answer(self._is_off(), speed, SOFTNESS))
+        speed = (self.C / h).clip(-self.pushSpeed, self.pushSpeed)
+        pushed = self._changes(motion, self._answer(self.isOff, speed, SOFTNESS))
         motion.velocity += pushed
         return pushed
 
-    def _most(self, error, some):
-        """Largest error of some constraints (K,), as a fraction of their levers."""
-        return (np.abs(error) / self.lever)[some].max(initial=0.0)
+    def _most(self, error):
+        """Largest error (K,) of what pulls, as a fraction of its lever."""
+        return (np.abs(error) / self.lever)[self.pulls != 0.0].max(initial=0.0)
 
     def _predicted(self, motion):
         """Errors (K,) at the end of the substep, along the directions d at its start: to the circle
         of the distance or, from a gap, of the bound.
         """
         change = self.h * motion.rates()
-        turn = np.array(exponentials((0.0, *(0.5 * change[3:]))))
-        arm = rotated(take(turn, self._column, 1), self._arm)
+        arm = rotated(take(quaternions(change[3:]), self._column, 1), self._arm)
         way, bound = self._way(motion.shift + change[:3], arm), self.length - self.gap
         size, along = norm(way), dot(self._axis, way)
         excess = size * size - bound * bound
@@ -252,46 +238,41 @@ class SoftConstraints:
         """Moves bodies, drops the pseudo-velocity of `pull`, and stops what violates the bounds."""
         self._move(motion, self.h * motion.rates())
         motion.velocity -= pushed
-        self._update(motion, np.minimum(self._last, self._sizes()))
-        error = self._speeds(motion.rates()) + self.scale * self.gap / self.h
-        self.pulls = self._solve(motion, self.pulls, error, self.pulls != 0.0)
-        self._last = self._sizes()
+        self._update(motion, np.minimum(self._last, np.sqrt(self._summed(self.pulls**2))))
+        error = self._speeds(motion.rates()) + self.gap / self.h
+        self._solve(motion, error, self.pulls != 0.0)
+        self._last = np.sqrt(self._summed(self.pulls**2))
         self.impulse[:, self.movable] = self._last, self._lasting
 
-    def _solve(self, motion, old, error, isActive, isNear=False):
-        """Changes velocities so that no speed exceeds its bound; returns the impulses (K,).
+    def _solve(self, motion, error, isActive, isNear=False):
+        """Changes pulls and velocities so that no speed exceeds its bound.
 
-        old : (K,), impulses so far; error : (K,), by how much scaled speeds exceed their bounds
+        error : (K,), by how much speeds exceed their bounds
         isActive, isNear : (K,), constraints that are tried first, and once one is missing: a whole
             chain begins to pull at once
 
         Active constraints are equations. Those whose impulse would have the wrong sign leave, and
         those whose bound would be exceeded join in, until there are none.
         """
-        old = old / self.scale
         least = TOLERANCE * np.abs(error).max()
-        isActive = isActive | self.isRigid | ((-error).clip(self.lowest, self.highest) != 0.0)
-        error = error + ROUNDING * old  # of several solutions, about the least
+        isActive = isActive | ((-error).clip(self.lowest, self.highest) == -error)
+        free = error - self._speeds(self._changes(motion, self.pulls))
         for _ in range(SWEEPS):
-            known, speed = np.where(isActive, 0.0, -old), error
-            if known.any():
-                speed = error + self._speeds(self._changes(motion, known))
-            change = known + self._answer(isActive, speed, ROUNDING)
-            velocity = self._changes(motion, change)
-            wanted = (old + change).clip(self.lowest, self.highest)
-            isWrong, isMissing = np.abs(wanted - old - change) > least, ~isActive
+            answer = self._answer(isActive, free, ROUNDING)
+            wanted, isMissing = answer.clip(self.lowest, self.highest), ~isActive
+            isWrong = self.response * np.abs(wanted - answer) > least
             if isMissing.any():
-                left = (-error - self._speeds(velocity)).clip(self.lowest, self.highest)
-                isMissing &= np.abs(left) > least
+                left = -free - self._speeds(self._changes(motion, answer))
+                isMissing &= np.abs(left.clip(self.lowest, self.highest)) > least
             if not (isWrong | isMissing).any():
                 break
             isActive = (isActive & ~isWrong) | isMissing | (isNear & isMissing.any())
             isNear = False
-        motion.velocity += self._changes(motion, wanted - old) if isWrong.any() else velocity
-        return wanted * self.scale
+        motion.velocity += self._changes(motion, wanted - self.pulls)
+        self.pulls = wanted
 
     def _answer(self, isActive, speed, softness):
-        """Scaled impulses (K,) of active rows that stop speeds u (K,): (A + softness) λ = -u"""
+        """Impulses (K,) of active rows that stop speeds u (K,): (A + softness diag A) λ = -u"""
         order = self._order[isActive[self._order]]
         answer, count = np.zeros(self.count), len(order)
         if count == 0:
@@ -305,7 +286,7 @@ class SoftConstraints:
             width, place, info = int((i - j).max()) + 1, (i - j) * count + j, 1
             band = np.bincount(place, self.A[some], width * count).reshape(width, count)
             while info and softness < np.inf:  # indefinite by rounding, as of a needle
-                band[0] += softness
+                band[0] += softness * self.response[order]
                 self._factors[key], info = dpbtrf(band, lower=True)
                 softness *= 10.0
             self.visits += count
@@ -313,21 +294,13 @@ class SoftConstraints:
         return answer
 
     def _speeds(self, velocity):
-        """Scaled speeds (K,) at which distances change, with velocities (6, m + 1): J v"""
-        parts = self.J * take(velocity, self._column, 1)
-        return parts.reshape(6, 2, -1).sum(axis=(0, 1))
+        """Speeds (K,) at which distances change, with velocities (6, m + 1): J v"""
+        return (self.J * take(velocity, self._column, 1)).reshape(12, -1).sum(axis=0)
 
     def _changes(self, motion, impulse):
-        """Changes (6, m + 1) of velocities by scaled impulses (K,): M⁻¹ Jᵀ λ"""
-        change, count = self.MJ * np.concatenate((impulse, impulse)), len(motion.invMass)
+        """Changes (6, m + 1) of velocities by impulses (K,): M⁻¹ Jᵀ λ"""
+        change, count = self.MJ.reshape(6, 2, -1) * impulse, len(motion.invMass)
         return np.bincount(self._places, change.ravel(), 6 * count).reshape(6, count)
-
-
-def rotated(q, v):
-    """Vectors (3, n), rotated by unit quaternions (4, n): q v q⁻¹."""
-    axis = cycled(q[1:])
-    once = 2.0 * cross(axis, v)
-    return v + q[0] * once + cross(axis, once)
 
 
 @lru_cache(maxsize=8)
