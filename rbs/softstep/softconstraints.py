@@ -238,10 +238,11 @@ class SoftConstraints:
         """Moves bodies, drops the pseudo-velocity of `pull`, and stops what violates the bounds."""
         self._move(motion, self.h * motion.rates())
         motion.velocity -= pushed
-        self._update(motion, np.minimum(self._last, np.sqrt(self._summed(self.pulls**2))))
+        size = np.sqrt(self._summed(self.pulls**2))
+        self._update(motion, np.minimum(self._last, size))
         error = self._speeds(motion.rates()) + self.gap / self.h
         self._solve(motion, error, self.pulls != 0.0)
-        self._last = np.sqrt(self._summed(self.pulls**2))
+        self._last = np.maximum(size, np.sqrt(self._summed(self.pulls**2)))
         self.impulse[:, self.movable] = self._last, self._lasting
 
     def _solve(self, motion, error, isActive, isNear=False):
