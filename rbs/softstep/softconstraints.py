@@ -136,7 +136,7 @@ class SoftConstraints:
 
     def _summed(self, x):
         """Sums (K,) over the equations of each pair."""
-        return np.bincount(self.movable, x)[self.movable]
+        return np.bincount(self.movable, x)[self.movable] if self.isJoint.any() else x
 
     def _way(self, shift, arm):
         """Vectors p1 - p2 (3, K) after bodies were displaced; arm : (3, 2 K)"""
@@ -257,19 +257,21 @@ class SoftConstraints:
         """
         least = TOLERANCE * np.abs(error).max()
         isActive = isActive | ((-error).clip(self.lowest, self.highest) == -error)
-        free = error - self._speeds(self._changes(motion, self.pulls))
+        before = self._changes(motion, self.pulls)
+        free = error - self._speeds(before)
         for _ in range(SWEEPS):
             answer = self._answer(isActive, free, ROUNDING)
             wanted, isMissing = answer.clip(self.lowest, self.highest), ~isActive
             isWrong = self.response * np.abs(wanted - answer) > least
+            change = self._changes(motion, wanted)
             if isMissing.any():
-                left = -free - self._speeds(self._changes(motion, answer))
+                left = -free - self._speeds(change)
                 isMissing &= np.abs(left.clip(self.lowest, self.highest)) > least
             if not (isWrong | isMissing).any():
                 break
             isActive = (isActive & ~isWrong) | isMissing | (isNear & isMissing.any())
             isNear = False
-        motion.velocity += self._changes(motion, wanted - self.pulls)
+        motion.velocity += change - before
         self.pulls = wanted
 
     def _answer(self, isActive, speed, softness):
@@ -300,7 +302,10 @@ class SoftConstraints:
 
     def _changes(self, motion, impulse):
         """Changes (6, m + 1) of velocities by impulses (K,): M⁻¹ Jᵀ λ"""
-        change, count = self.MJ.reshape(6, 2, -1) * impulse, len(motion.invMass)
+        count = len(motion.invMass)
+        if not impulse.any():
+            return np.zeros((6, count))
+        change = self.MJ.reshape(6, 2, -1) * impulse
         return np.bincount(self._places, change.ravel(), 6 * count).reshape(6, count)
 
 
