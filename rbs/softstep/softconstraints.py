@@ -39,18 +39,20 @@ class SoftConstraints:
     An impulse λ along d on the first body, and against it on the second, enforces the bounds. It
     pulls, λ ≤ 0, at the upper bound and pushes, λ ≥ 0, at the lower one, whichever is nearer or
     more violated. If no distance is between them, λ may have either sign. Impulses λ change the
-    speeds by A λ = J M⁻¹ Jᵀ λ. J is scaled so that A is 1 on its diagonal, on average over a pair.
+    speeds by A λ = J M⁻¹ Jᵀ λ.
 
     Where L can only be about 0, d is undefined, or turns by radians in a substep. Such a pair is a
     ball joint: in a step, it keeps the vector p1 - p2, by three equations along fixed axes d.
 
     key : (6, R), body, vertex, body, vertex, lower, upper
-    impulse : (2, R), of a substep, and the greatest that has lasted for two, which gives links the
-        mass that they keep if the time step changes
+    impulse : (2, R), the greatest of a substep, before or after relaxing, and the greatest that has
+        lasted for two, which gives links the mass that they keep if the time step changes
     movable : (K,), the pair of each equation, of those that can move; all that follows is of these
     share : (K,), 1, and a third in joints; pulls : (K,), impulses of the present substep
     visits : number of rows of all systems of equations that the step has factored
-    columns : (2, K), of `Motion`; scale : (K,), of J, and by which scaled impulses are multiplied
+    columns : (2, K), of `Motion`; response : (K,), diagonal of A, on average over a pair
+    length, lever : (K,), L, or the part along d, and what errors are compared with; isOff : (K,)
+    C, gap : (K,), L minus its bound if violated, and if not, or else 0
     ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the equations that have them
     """
 
@@ -61,9 +63,8 @@ class SoftConstraints:
         before, (pull, lasting) = state.constraint, state.constraintImpulse
         now = last = slice(None)
         if not np.array_equal(key[:4], before[:4]):
-            both = np.concatenate((key[:4], before[:4]), axis=1)
-            ends = np.unique(both, axis=1, return_inverse=True)[1].ravel()
-            ends = np.split(ends, [len(isNew)])
+            both = np.concatenate((key[:4], before[:4]), axis=1).astype(np.intp)
+            ends = np.split(pair_numbers(both), [len(isNew)])
             _, now, last = np.intersect1d(*ends, return_indices=True)
         # the force, and the masses of links, stay
         self.impulse[:, now], isNew[now] = (ratio * pull[last], lasting[last] / ratio), False
@@ -90,11 +91,10 @@ class SoftConstraints:
         given = self._column.tobytes(), isMoving.tobytes()
         self.ends, self.rows, self._order = _paired(*given)
         self.pulls, lasting = self.impulse[:, some]
-        self._last = self.pulls.copy()
         if ratio > 1.0:  # links must bear the pull of a longer substep at once
-            lasting = np.maximum(lasting, self._last)
+            lasting = np.maximum(lasting, self.pulls)
         # the first pull counts as one that lasts, or light links would fly off
-        self._last[isNew[some]] = np.inf
+        self._last = np.where(isNew[some], np.inf, self.pulls)
         self._free, self._lasting = motion.inverse.copy(), np.zeros(self.count)
         self._update(motion, lasting)
 
@@ -327,6 +327,11 @@ def _paired(columns, isMoving):
     return take(ends, some, 1), take(rows, some, 1), order
 
 
+def pair_numbers(ends):
+    """A number (K,) for each pair of points (4, K), the same for the same pairs."""
+    return np.ravel_multi_index(ends, ends.max(axis=1, initial=0) + 1)
+
+
 def changed_ends(key, before):
     """Bodies (K,) of constraints that only one of two `SoftConstraints.key`s has."""
     if np.array_equal(key, before):
@@ -343,8 +348,7 @@ def constraint_keys(constraints, bodies):
     if len(constraints) == 0:
         return np.zeros((6, 0))
     rows = ConstraintRows(constraints, bodies.meshes, 0.0)
-    shape = rows.ends.max(axis=1, initial=0) + 1
-    points = np.ravel_multi_index(rows.ends, shape)
+    points = pair_numbers(rows.ends)
     _, first, row = np.unique(points, return_index=True, return_inverse=True)
     lower, upper = np.full(len(first), -np.inf), np.full(len(first), np.inf)
     np.minimum.at(upper, row[rows.upper], rows.refValue[rows.upper])
