@@ -11,12 +11,13 @@ import numpy as np
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 from scipy.sparse import csgraph, csr_array
 
-from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take, vec_mat
+from Quaternion import multiply
+from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
 from rbs.softstep.contacts import push_speeds
 from rbs.softstep.manifolds import ROUNDING, TINY
 from rbs.softstep.rows import SWEEPS, TOLERANCE, inverted
 from rbs.stepping.constraints import ConstraintRows
-from rbs.stepping.flight import turn_matrix
+from rbs.stepping.flight import quaternions, rotated, rotation_vectors
 from rbs.stepping.kernels import distance_error
 
 # Softness of pushes, as a fraction of each constraint's own response: where infeasible ones push
@@ -38,18 +39,20 @@ class SoftConstraints:
     An impulse λ along d on the first body, and against it on the second, enforces the bounds. It
     pulls, λ ≤ 0, at the upper bound and pushes, λ ≥ 0, at the lower one, whichever is nearer or
     more violated. If no distance is between them, λ may have either sign. Impulses λ change the
-    speeds by A λ = J M⁻¹ Jᵀ λ. J is scaled so that A is 1 on its diagonal, on average over a pair.
+    speeds by A λ = J M⁻¹ Jᵀ λ.
 
     Where L can only be about 0, d is undefined, or turns by radians in a substep. Such a pair is a
     ball joint: in a step, it keeps the vector p1 - p2, by three equations along fixed axes d.
 
     key : (6, R), body, vertex, body, vertex, lower, upper
-    impulse : (2, R), of a substep, and the greatest that has lasted for two, which gives links the
-        mass that they keep if the time step changes
+    impulse : (2, R), the greatest of a substep, before or after relaxing, and the greatest that has
+        lasted for two, which gives links the mass that they keep if the time step changes
     movable : (K,), the pair of each equation, of those that can move; all that follows is of these
     share : (K,), 1, and a third in joints; pulls : (K,), impulses of the present substep
     visits : number of rows of all systems of equations that the step has factored
-    columns : (2, K), of `Motion`; scale : (K,), of J, and by which scaled impulses are multiplied
+    columns : (2, K), of `Motion`; response : (K,), diagonal of A, on average over a pair
+    length, lever : (K,), L, or the part along d, and what errors are compared with; isOff : (K,)
+    C, gap : (K,), L minus its bound if violated, and if not, or else 0
     ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the equations that have them
     """
 
@@ -60,47 +63,38 @@ class SoftConstraints:
         before, (pull, lasting) = state.constraint, state.constraintImpulse
         now = last = slice(None)
         if not np.array_equal(key[:4], before[:4]):
-            both = np.concatenate((key[:4], before[:4]), axis=1)
-            ends = np.unique(both, axis=1, return_inverse=True)[1].ravel()
-            ends = np.split(ends, [len(isNew)])
+            both = np.concatenate((key[:4], before[:4]), axis=1).astype(np.intp)
+            ends = np.split(pair_numbers(both), [len(isNew)])
             _, now, last = np.intersect1d(*ends, return_indices=True)
         # the force, and the masses of links, stay
         self.impulse[:, now], isNew[now] = (ratio * pull[last], lasting[last] / ratio), False
-        columns = take(motion.column, bodies)
-        movable = indices((motion.invMass[columns] > 0.0).any(axis=0))
-        bodies, vertices = take(bodies, movable, 1), take(vertices, movable, 1)
-        arms, centres = frames.bodies.arms(bodies, vertices), take(frames.position, bodies, axis=1)
-        bounds, radius = take(key[4:], movable, 1), frames.sizes(*bodies)[1]
-        isJoint = bounds.max(axis=0) <= JOINT * radius
-        parts = np.where(isJoint, 3, 1)
-        self.movable, self.share = movable.repeat(parts), (1.0 / parts).repeat(parts)
-        self.count, self.visits, self.h = len(self.movable), 0, h
-        self.columns, self.isJoint = take(columns, self.movable, 1), isJoint.repeat(parts)
+        columns, radius = take(motion.column, bodies), frames.sizes(*bodies)[1]
+        isJoint = key[4:].max(axis=0) <= JOINT * radius
+        parts = np.where(isJoint, 3, 1) * (motion.invMass[columns] > 0.0).any(axis=0)
+        some = self.movable = np.arange(len(parts)).repeat(parts)
+        self.count, self.visits, self.h = len(some), 0, h
+        self.columns, self.share, self.isJoint = columns[:, some], 1.0 / parts[some], isJoint[some]
         if self.count == 0:
             return
-        way = np.subtract(*(centres + arms).swapaxes(0, 1))
+        bodies, vertices, bounds = bodies[:, some], vertices[:, some], key[4:, some]
+        self._column, arms = self.columns.ravel(), frames.bodies.arms(bodies, vertices)
+        self._arms, self._centres = arms.reshape(3, -1), frames.position[:, bodies.ravel()]
+        self._axes = np.eye(3)[:, np.arange(self.count) - some.searchsorted(some)]
+        self._rotation = quaternions(motion.turn)
+        way = self._way(motion.shift, self._arms)
         length = norm(way)
-        way *= np.clip(length, *bounds) / np.maximum(length, TINY)
-        bounds = bounds.repeat(parts, axis=1)
-        bounds[:, self.isJoint] = way.T[isJoint].ravel()
-        self.lower, self.upper = bounds
-        self._axes = np.zeros((3, self.count))
-        self._axes[:, self.isJoint] = np.tile(np.eye(3), np.count_nonzero(isJoint))
-        self.isRigid = self.lower >= self.upper
-        self._column = self.columns.ravel()
-        self._arms = arms.repeat(parts, axis=2).reshape(3, -1)
-        self._centres = centres.repeat(parts, axis=2).reshape(3, -1)
-        self._reach = norm(self._arms).reshape(2, -1)
-        self.pushSpeed = push_speeds(motion, radius.repeat(parts))
+        along = length.clip(*bounds) / np.maximum(length, TINY) * dot(self._axes, way)
+        self.lower, self.upper = np.where(self.isJoint, along, bounds)
+        self._reach, self.pushSpeed = norm(arms), push_speeds(motion, radius[some])
+        self._places = (self._column + len(motion.invMass) * np.arange(6)[:, None]).ravel()
         isMoving = motion.invMass[self._column] > 0.0
         given = self._column.tobytes(), isMoving.tobytes()
-        self.ends, self.rows, self._order, self._bodies, self._which = _paired(*given)
-        self.pulls = self.impulse[0, self.movable]
-        self._last, lasting = np.abs(self.impulse[:, self.movable])
+        self.ends, self.rows, self._order = _paired(*given)
+        self.pulls, lasting = self.impulse[:, some]
         if ratio > 1.0:  # links must bear the pull of a longer substep at once
-            lasting = np.maximum(lasting, self._last)
+            lasting = np.maximum(lasting, self.pulls)
         # the first pull counts as one that lasts, or light links would fly off
-        self._last[isNew[self.movable]] = np.inf
+        self._last = np.where(isNew[some], np.inf, self.pulls)
         self._free, self._lasting = motion.inverse.copy(), np.zeros(self.count)
         self._update(motion, lasting)
 
@@ -108,11 +102,12 @@ class SoftConstraints:
         """Updates distances, bounds, J, and responses for the present poses, and masses and
         inertias for a `pull` (K,) that has lasted for two substeps.
         """
-        rotation = self._rotation(motion.turn)
-        self._arm = mat_vec(rotation, self._arms)
-        point = self._points(motion.shift, self._arm)
-        self._axis = np.where(self.isJoint, self._axes, distance_error(*point, 0.0)[1])
-        self.length = dot(self._axis, point[0] - point[1])
+        rotation = take(self._rotation, self._column, 1)
+        self._arm = rotated(rotation, self._arms)
+        way = self._way(motion.shift, self._arm)
+        self._axis = np.where(self.isJoint, self._axes, distance_error(way, 0.0, 0.0)[1])
+        self.length = dot(self._axis, way)
+        self.lever = np.maximum(self.length, self._reach.max(axis=0))
         if (pull > self._lasting).any():
             self._lasting = np.maximum(pull, self._lasting)
             self._stiffen(motion)
@@ -120,39 +115,43 @@ class SoftConstraints:
         rCrossD = cross(self._arm, d)
         inverse = take(motion.invInertia, self._column, axis=1)
         if motion.drift is not None:  # velocities stand for momenta, as inertias were at the start
-            rotation = np.eye(3).reshape(9, 1)
-        angular = mat_vec(rotation, mat_vec(inverse, vec_mat(rCrossD, rotation)))
+            rotation = np.eye(4)[:, :1]
+        back = rotation * np.array([[1.0], [-1.0], [-1.0], [-1.0]])
+        angular = rotated(rotation, mat_vec(inverse, rotated(back, rCrossD)))
         self.J = np.concatenate((d, rCrossD))
         self.MJ = np.concatenate((take(motion.invMass, self._column) * d, angular))
         diagonal = np.add.reduce(self.J * self.MJ).reshape(2, -1).sum(axis=0)
-        self.scale = 1.0 / np.sqrt(self._means(diagonal))
-        self.J, self.MJ = (x * np.tile(self.scale, 2) for x in (self.J, self.MJ))
+        self.response = self._summed(self.share * diagonal)
         self.A = np.add.reduce(take(self.J, self.ends[0], 1) * take(self.MJ, self.ends[1], 1))
         self._factors = {}
-        isUpper = self.length - self.upper >= self.lower - self.length
-        self.C = self.length - np.where(isUpper, self.upper, self.lower)
-        self.isSlack = np.where(isUpper, self.C < 0.0, self.C > 0.0) & ~self.isRigid
-        self.gap = np.where(self.isSlack, self.C, 0.0)
-        self.lowest = np.where(isUpper | self.isRigid, -np.inf, 0.0)
-        self.highest = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
+        bound = np.where(
+            self.length - self.upper >= self.lower - self.length, self.upper, self.lower
+        )
+        self.lowest = np.where(bound >= self.upper, -np.inf, 0.0)
+        self.highest = np.where(bound <= self.lower, np.inf, 0.0)
+        self.C = self.length - bound
+        self.gap = self.C + (-self.C).clip(self.lowest, self.highest)
+        self.C -= self.gap
+        self.isOff = np.abs(self.C) > TOLERANCE * self.lever
 
-    def _means(self, x):
-        """Means (K,) over the equations of each pair."""
-        return np.bincount(self.movable, self.share * x)[self.movable] if self.isJoint.any() else x
+    def _summed(self, x):
+        """Sums (K,) over the equations of each pair."""
+        return np.bincount(self.movable, x)[self.movable] if self.isJoint.any() else x
 
-    def _sizes(self):
-        """Sizes (K,) of the pulls, of all equations of a pair together."""
-        return np.sqrt(self._means(self.pulls**2) / self.share)
-
-    def _rotation(self, turn):
-        """Rotation matrices (9, 2 K) of the bodies of all ends; turn : (3, m + 1)"""
-        rotation = np.stack(turn_matrix(take(turn, self._bodies, axis=1)))
-        return take(rotation, self._which, axis=1)
-
-    def _points(self, shift, arm):
-        """`((3, K), (3, K))`, both points after bodies were displaced; arm : (3, 2 K)"""
+    def _way(self, shift, arm):
+        """Vectors p1 - p2 (3, K) after bodies were displaced; arm : (3, 2 K)"""
         point = self._centres + take(shift, self._column, axis=1) + arm
-        return point[:, : self.count], point[:, self.count :]
+        return point[:, : self.count] - point[:, self.count :]
+
+    def _move(self, motion, change):
+        """Displaces bodies; change : (6, m + 1), their turn comes after those so far.
+
+        What constraints pull turns about other axes in each substep, so that rotation vectors do
+        not add up.
+        """
+        self._rotation = np.array(multiply(quaternions(change[3:]), self._rotation))
+        motion.shift += change[:3]
+        motion.turn[:] = rotation_vectors(self._rotation)
 
     def _stiffen(self, motion):
         """Adds to the masses and inertias of light bodies that strong pulls would move too fast.
@@ -164,8 +163,7 @@ class SoftConstraints:
         again with the pull would drive the swing: the largest one counts that has ever lasted for
         two substeps, unlike a blow's.
         """
-        self.impulse[1, self.movable], r = self._lasting, self._reach
-        pull = self.h * self.share * self._lasting
+        r, pull = self._reach, self.h * self.share * self._lasting
         spring = pull / np.maximum(self.length, r)
         both, count = (spring, (pull + spring * r) * r), len(motion.invMass)
         across, turning = (np.bincount(self._column, x.ravel(), count) for x in both)
@@ -184,26 +182,18 @@ class SoftConstraints:
         """
         if self.count == 0:
             return self.columns, self.columns
-        strained = ~self.isSlack & (np.abs(self.C) > self.pushSpeed * self.h)
-        begin, most, isOff = motion.displacement.copy(), 0.5 * np.abs(self.C), self._is_off()
+        strained = np.abs(self.C) > self.pushSpeed * self.h
+        begin, most, isOff = motion.displacement.copy(), 0.5 * np.abs(self.C), self.isOff
         isLeft = isOff
         for _ in range(SWEEPS):
             if not isLeft.any():
                 break
-            answer = self._answer(~self.isSlack, self.scale * self.C, ROUNDING)
-            motion.displacement += self._changes(motion, answer)
+            answer = self._answer(self.gap == 0.0, self.C, ROUNDING)
+            self._move(motion, self._changes(motion, answer))
             self._update(motion, self._lasting)
-            isLeft = isOff & ~self.isSlack & (np.abs(self.C) > most)
+            isLeft = isOff & (np.abs(self.C) > most)
         motion.displacement[:] = begin
         return self.columns[:, strained], self.columns[:, isLeft]
-
-    def _is_off(self):
-        """Whether distances (K,) are beyond their bounds."""
-        return ~self.isSlack & (np.abs(self.C) > TOLERANCE * self._levers())
-
-    def _levers(self):
-        """Lengths (K,) with which errors are compared."""
-        return np.maximum(self.length, self._reach.max(axis=0))
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
@@ -215,31 +205,29 @@ class SoftConstraints:
         isPulling = self.pulls != 0.0
         self.pulls, error = np.zeros(self.count), self._predicted(motion)
         for _ in range(SWEEPS):
-            self.pulls = self._solve(motion, self.pulls, self.scale * error / h, isPulling, isNear)
-            isPulling = self.pulls != 0.0
-            before = self._most(error, isPulling)
+            self._solve(motion, error / h, isPulling, isNear)
+            isPulling, before = self.pulls != 0.0, self._most(error)
             if before <= TOLERANCE:  # so is what is left
                 break
             error = self._predicted(motion)
-            if not TOLERANCE < self._most(error, isPulling) < 0.5 * before:
+            if not TOLERANCE < self._most(error) < 0.5 * before:
                 break
-        speed = np.clip(self.C / h, -self.pushSpeed, self.pushSpeed) * self.scale
-        pushed = self._changes(motion, self._answer(self._is_off(), speed, SOFTNESS))
+        speed = (self.C / h).clip(-self.pushSpeed, self.pushSpeed)
+        pushed = self._changes(motion, self._answer(self.isOff, speed, SOFTNESS))
         motion.velocity += pushed
         return pushed
 
-    def _most(self, error, some):
-        """Largest error of some constraints (K,), as a fraction of their levers."""
-        return (np.abs(error) / self._levers())[some].max(initial=0.0)
+    def _most(self, error):
+        """Largest error (K,) of what pulls, as a fraction of its lever."""
+        return (np.abs(error) / self.lever)[self.pulls != 0.0].max(initial=0.0)
 
     def _predicted(self, motion):
         """Errors (K,) at the end of the substep, along the directions d at its start: to the circle
         of the distance or, from a gap, of the bound.
         """
         change = self.h * motion.rates()
-        arm = mat_vec(self._rotation(change[3:]), self._arm)
-        first, second = self._points(motion.shift + change[:3], arm)
-        way, bound = first - second, self.length - self.gap
+        arm = rotated(take(quaternions(change[3:]), self._column, 1), self._arm)
+        way, bound = self._way(motion.shift + change[:3], arm), self.length - self.gap
         size, along = norm(way), dot(self._axis, way)
         excess = size * size - bound * bound
         root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
@@ -247,48 +235,47 @@ class SoftConstraints:
         return np.where(self.isJoint, along - bound, error)
 
     def relax(self, motion, pushed):
-        """Drops the pseudo-velocity of `pull`, and stops what still violates the bounds."""
+        """Moves bodies, drops the pseudo-velocity of `pull`, and stops what violates the bounds."""
+        self._move(motion, self.h * motion.rates())
         motion.velocity -= pushed
-        before, self._last = self._last, self._sizes()
-        self._update(motion, np.minimum(before, self._last))
-        error = self._speeds(motion.rates()) + self.scale * self.gap / self.h
-        self.pulls = self._solve(motion, self.pulls, error, self.pulls != 0.0)
-        self.impulse[0, self.movable] = self._sizes()
+        size = np.sqrt(self._summed(self.pulls**2))
+        self._update(motion, np.minimum(self._last, size))
+        error = self._speeds(motion.rates()) + self.gap / self.h
+        self._solve(motion, error, self.pulls != 0.0)
+        self._last = np.maximum(size, np.sqrt(self._summed(self.pulls**2)))
+        self.impulse[:, self.movable] = self._last, self._lasting
 
-    def _solve(self, motion, old, error, isActive, isNear=False):
-        """Changes velocities so that no speed exceeds its bound; returns the impulses (K,).
+    def _solve(self, motion, error, isActive, isNear=False):
+        """Changes pulls and velocities so that no speed exceeds its bound.
 
-        old : (K,), impulses so far; error : (K,), by how much scaled speeds exceed their bounds
+        error : (K,), by how much speeds exceed their bounds
         isActive, isNear : (K,), constraints that are tried first, and once one is missing: a whole
             chain begins to pull at once
 
         Active constraints are equations. Those whose impulse would have the wrong sign leave, and
         those whose bound would be exceeded join in, until there are none.
         """
-        old = old / self.scale
         least = TOLERANCE * np.abs(error).max()
-        isActive = isActive | self.isRigid | (np.clip(-error, self.lowest, self.highest) != 0.0)
-        error = error + ROUNDING * old  # of several solutions, about the least
+        isActive = isActive | ((-error).clip(self.lowest, self.highest) == -error)
+        before = self._changes(motion, self.pulls)
+        free = error - self._speeds(before)
         for _ in range(SWEEPS):
-            known, speed = np.where(isActive, 0.0, -old), error
-            if known.any():
-                speed = error + self._speeds(self._changes(motion, known))
-            change = known + self._answer(isActive, speed, ROUNDING)
-            velocity = self._changes(motion, change)
-            wanted = np.clip(old + change, self.lowest, self.highest)
-            isWrong, isMissing = np.abs(wanted - old - change) > least, ~isActive
+            answer = self._answer(isActive, free, ROUNDING)
+            wanted, isMissing = answer.clip(self.lowest, self.highest), ~isActive
+            isWrong = self.response * np.abs(wanted - answer) > least
+            change = self._changes(motion, wanted)
             if isMissing.any():
-                left = np.clip(-error - self._speeds(velocity), self.lowest, self.highest)
-                isMissing &= np.abs(left) > least
+                left = -free - self._speeds(change)
+                isMissing &= np.abs(left.clip(self.lowest, self.highest)) > least
             if not (isWrong | isMissing).any():
                 break
             isActive = (isActive & ~isWrong) | isMissing | (isNear & isMissing.any())
             isNear = False
-        motion.velocity += self._changes(motion, wanted - old) if isWrong.any() else velocity
-        return wanted * self.scale
+        motion.velocity += change - before
+        self.pulls = wanted
 
     def _answer(self, isActive, speed, softness):
-        """Scaled impulses (K,) of active rows that stop speeds u (K,): (A + softness) λ = -u"""
+        """Impulses (K,) of active rows that stop speeds u (K,): (A + softness diag A) λ = -u"""
         order = self._order[isActive[self._order]]
         answer, count = np.zeros(self.count), len(order)
         if count == 0:
@@ -302,7 +289,7 @@ class SoftConstraints:
             width, place, info = int((i - j).max()) + 1, (i - j) * count + j, 1
             band = np.bincount(place, self.A[some], width * count).reshape(width, count)
             while info and softness < np.inf:  # indefinite by rounding, as of a needle
-                band[0] += softness
+                band[0] += softness * self.response[order]
                 self._factors[key], info = dpbtrf(band, lower=True)
                 softness *= 10.0
             self.visits += count
@@ -310,22 +297,22 @@ class SoftConstraints:
         return answer
 
     def _speeds(self, velocity):
-        """Scaled speeds (K,) at which distances change, with velocities (6, m + 1): J v"""
-        parts = self.J * take(velocity, self._column, 1)
-        return parts.reshape(6, 2, -1).sum(axis=(0, 1))
+        """Speeds (K,) at which distances change, with velocities (6, m + 1): J v"""
+        return (self.J * take(velocity, self._column, 1)).reshape(12, -1).sum(axis=0)
 
     def _changes(self, motion, impulse):
-        """Changes (6, m + 1) of velocities by scaled impulses (K,): M⁻¹ Jᵀ λ"""
-        change, count = self.MJ * np.concatenate((impulse, impulse)), len(motion.invMass)
-        places = self._column + count * np.arange(6)[:, None]
-        return np.bincount(places.ravel(), change.ravel(), 6 * count).reshape(6, count)
+        """Changes (6, m + 1) of velocities by impulses (K,): M⁻¹ Jᵀ λ"""
+        count = len(motion.invMass)
+        if not impulse.any():
+            return np.zeros((6, count))
+        change = self.MJ.reshape(6, 2, -1) * impulse
+        return np.bincount(self._places, change.ravel(), 6 * count).reshape(6, count)
 
 
 @lru_cache(maxsize=8)
 def _paired(columns, isMoving):
-    """`(ends, rows, order, bodies, which)`: those of `SoftConstraints`, an order (K,) in which
-    constraints are near each other that share a body, the bodies, and which each end (2 K,) is on.
-    From the bytes of the columns of all ends, and which move.
+    """`(ends, rows, order)`: those of `SoftConstraints`, and an order (K,) in which constraints are
+    near each other that share a body. From the bytes of the columns of all ends, and which move.
     """
     columns, isMoving = np.frombuffer(columns, np.intp), np.frombuffer(isMoving, bool)
     count, end = len(columns) // 2, indices(isMoving)
@@ -337,7 +324,12 @@ def _paired(columns, isMoving):
     order = csgraph.reverse_cuthill_mckee(shared, True)
     place = order.argsort()[rows]
     some = indices(place[0] >= place[1])
-    return take(ends, some, 1), take(rows, some, 1), order, bodies, which
+    return take(ends, some, 1), take(rows, some, 1), order
+
+
+def pair_numbers(ends):
+    """A number (K,) for each pair of points (4, K), the same for the same pairs."""
+    return np.ravel_multi_index(ends, ends.max(axis=1, initial=0) + 1)
 
 
 def changed_ends(key, before):
@@ -356,9 +348,9 @@ def constraint_keys(constraints, bodies):
     if len(constraints) == 0:
         return np.zeros((6, 0))
     rows = ConstraintRows(constraints, bodies.meshes, 0.0)
-    points, first, row = np.unique(rows.ends, axis=1, return_index=True, return_inverse=True)
+    points = pair_numbers(rows.ends)
+    _, first, row = np.unique(points, return_index=True, return_inverse=True)
     lower, upper = np.full(len(first), -np.inf), np.full(len(first), np.inf)
-    row = row.ravel()
     np.minimum.at(upper, row[rows.upper], rows.refValue[rows.upper])
     np.maximum.at(lower, row[~rows.upper], rows.refValue[~rows.upper])
-    return np.concatenate((points, [lower], [upper])).astype(float)[:, first.argsort()]
+    return np.concatenate((rows.ends[:, first], [lower], [upper])).astype(float)[:, first.argsort()]

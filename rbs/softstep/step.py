@@ -24,7 +24,6 @@ substeps are longer than the last one's.
 
 import numpy as np
 
-from Quaternion import exponentials, multiply
 from rbs.geometry.vectors import indices, take
 from rbs.softstep.contacts import SoftContacts, StillContacts
 from rbs.softstep.detection import Frames, detect
@@ -32,7 +31,7 @@ from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.rows import inverted
 from rbs.softstep.sleeping import Sleep, beside, connected, wake
 from rbs.softstep.softconstraints import SoftConstraints, changed_ends, constraint_keys
-from rbs.stepping.flight import rotation_vectors, turned
+from rbs.stepping.flight import turned
 
 
 def soft_step(step):
@@ -99,7 +98,6 @@ def _make_substep(motion, contacts, distances, h):
         pushed = distances.pull(motion)
     unsolved = contacts.soft_sweep(motion)
     if distances.count:
-        motion.displacement[:] = motion.after(h)
         distances.relax(motion, pushed)
         contacts.measure(motion)
     else:
@@ -117,7 +115,7 @@ class Motion:
     column : (n + 1,), of each body and of the ground
     velocity, begin : (6, m + 1), linear and angular, and at the start
     shift, turn : (3, m + 1), sums of v h and of ω h, so that orientations become exp(turn/2) ∘ q,
-        see also `after`; displacement : (6, m + 1), both
+        see also `SoftConstraints`; displacement : (6, m + 1), both
     invMass : (m + 1,); invInertia : (9, m + 1); inverse : (10, m + 1), both
     inertia : (9, m), to which constraints add none, see `SoftConstraints`; of the start, as are all
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
@@ -156,17 +154,6 @@ class Motion:
         if self.drift is None:
             return self.velocity
         return np.concatenate((self.velocity[:3], self.velocity[3:] + self.drift))
-
-    def after(self, h):
-        """Displacements (6, m + 1) after h seconds with the present velocities.
-
-        What constraints pull turns about other axes in each substep, so that rotation vectors do
-        not add up.
-        """
-        change = h * self.rates()
-        halves = (exponentials((0.0, *(0.5 * turn))) for turn in (change[3:], self.turn))
-        turn = rotation_vectors(np.array(multiply(*halves)))
-        return np.concatenate((self.shift + change[:3], turn))
 
     def store(self, bodies):
         """Moves `Bodies` to the end of the step."""

@@ -3,6 +3,7 @@
 import numpy as np
 
 from Quaternion import exponentials, multiply, rotation_matrices
+from rbs.geometry import vectors
 from rbs.geometry.triples import ZERO, add, cross, mat_vec, rotate_tensor, scale, sub, transpose
 
 # Parts in which a step integrates the rotation of a tumbling body. Each costs time. With two, a
@@ -12,9 +13,20 @@ FLIGHT_PARTS = 4
 
 def turned(orientation, angle):
     """Unit orientations (4, n) after rotation by vectors φ (3, n): exp(φ/2) ∘ q."""
-    rotation = exponentials((0.0, *(0.5 * angle)))
-    w, x, y, z = multiply(rotation, orientation)
+    w, x, y, z = multiply(quaternions(angle), orientation)
     return np.array((w, x, y, z)) / np.sqrt(w * w + (x * x + y * y + z * z))
+
+
+def quaternions(angle):
+    """Unit quaternions exp(φ/2) (4, n) of rotation vectors φ (3, n)."""
+    return np.array(exponentials((0.0, *(0.5 * angle))))
+
+
+def rotated(q, v):
+    """Vectors (3, n), rotated by unit quaternions (4, n): q v q⁻¹."""
+    axis = vectors.cycled(q[1:])
+    once = 2.0 * vectors.cross(axis, v)
+    return v + q[0] * once + vectors.cross(axis, once)
 
 
 def rotation_vectors(q):
