@@ -215,7 +215,10 @@ def _with_pairs(frames, pairs, valid, ground):
     A pair whose faces, seen along the normal, do not overlap touches nowhere. Along the normal of
     another, it is not seen how deep the two get into each other.
     """
-    known = PlacedManifolds(valid, frames, np.arange(len(valid.key)))
+    isAsked = np.zeros(frames.count + 1, dtype=bool)
+    isAsked[pairs.first] = isAsked[pairs.second] = True
+    near = indices(isAsked[valid.bodies(frames.count)].any(axis=0))
+    known = PlacedManifolds(valid, frames, near)
     asked = slice(known.count, known.count + len(pairs.first))
     both = (known.first, known.second), (pairs.first, pairs.second), ground[:2]
     normals = np.concatenate((known.normal, pairs.axis, ground[2]), axis=1)
