@@ -396,7 +396,7 @@ def tied_at_both_ends():
 # missing, or added, within 3 s; and whether it tumbles.
 HUNG = [((1, 0.0), 0.01, False), ((5, 0.0), 0.01, False), ((2, 0.0), 0.01, True)]
 HUNG += [((1, 0.001), 0.01, False), ((2, 0.0001), 0.01, False), ((1, 0.1), 0.01, False)]
-HUNG += [((2, 0.1), 0.02, False), (None, 0.03, False)]
+HUNG += [((2, 0.1), 0.03, False), (None, 0.03, False)]
 
 
 @pytest.mark.parametrize("rods, within, isGyroscopic", HUNG)
