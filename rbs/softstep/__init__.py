@@ -2,8 +2,7 @@
 
 Selected by `contactSolver="soft-step"`. In reading order:
 
-    manifolds        contact manifolds with up to four points per pair
-    placed           manifolds in world axes, and their columns of the report
+    manifolds        contact manifolds with up to four points per pair, and their report
     supports         planes along which bodies meet what is flush with their support
     detection        manifolds kept from the last step, and new ones
     rows             contacts as rows of velocity constraints, with their derivation

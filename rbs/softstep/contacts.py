@@ -10,8 +10,7 @@ from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, indices, norm, take
 from rbs.softstep.detection import KEEP, Frames
 from rbs.softstep.energies import bounded_share
-from rbs.softstep.manifolds import POINTS, ROUNDING, TINY, UNEVEN
-from rbs.softstep.placed import PlacedManifolds
+from rbs.softstep.manifolds import POINTS, ROUNDING, TINY, UNEVEN, PlacedManifolds
 from rbs.softstep.rows import SWEEPS, TOLERANCE, contact_rows, islands_of, mean_squares, reached
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes

@@ -8,8 +8,14 @@ from rbs.geometry.broadphase import islands, overlapping
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import tangents
 from rbs.geometry.vectors import cross, dot, find_sorted, indices, norm, take, vec_mat
-from rbs.softstep.manifolds import Manifolds, contact_normals, four_points, pair_corners
-from rbs.softstep.placed import GROUND_AXES, PlacedManifolds
+from rbs.softstep.manifolds import (
+    GROUND_AXES,
+    Manifolds,
+    PlacedManifolds,
+    contact_normals,
+    four_points,
+    pair_corners,
+)
 from rbs.softstep.supports import FLUSH, deferring
 from rbs.stepping.constraints import linked_keys
 

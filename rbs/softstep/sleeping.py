@@ -22,8 +22,7 @@ import numpy as np
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import cross, dot, find_sorted, indices, norm, take, vec_mat
 from rbs.softstep.contacts import SLEEP_SECONDS
-from rbs.softstep.manifolds import ROUNDING
-from rbs.softstep.placed import PlacedManifolds
+from rbs.softstep.manifolds import ROUNDING, PlacedManifolds
 from rbs.softstep.rows import reached
 
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
