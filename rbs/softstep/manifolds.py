@@ -14,7 +14,17 @@ from rbs.geometry.facets import find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners
 from rbs.geometry.lowest import supports
 from rbs.geometry.patches import Polygons, overlap_corners
-from rbs.geometry.vectors import cross, dot, find_sorted, indices, mat_vec, norm, ranges, row_minima, take
+from rbs.geometry.vectors import (
+    cross,
+    dot,
+    find_sorted,
+    indices,
+    mat_vec,
+    norm,
+    ranges,
+    row_minima,
+    take,
+)
 from rbs.stepping.reports import GROUND, ContactColumns
 
 POINTS = 4
