@@ -329,7 +329,9 @@ def _paired(columns, isMoving):
 
 def pair_numbers(ends):
     """A number (K,) for each pair of points (4, K), the same for the same pairs."""
-    return np.ravel_multi_index(ends, ends.max(axis=1, initial=0) + 1)
+    points = ends[0::2] * (ends[1::2].max(initial=0) + 1) + ends[1::2]
+    which = np.unique(points, return_inverse=True)[1].reshape(2, -1)
+    return which[0] * points.size + which[1]
 
 
 def changed_ends(key, before):
