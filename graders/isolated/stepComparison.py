@@ -54,8 +54,8 @@ UP = (0.0, 1.0, 0.0)
 def take_inertia(meshes, found):
     """Gives our meshes the skeleton's inertia if a student's have it; returns remarks.
 
-    The skeleton's tensor is six times too small, which is not the student's work. How it is turned
-    to world axes is; with this tensor, the way of the release's solution is admitted.
+    The skeleton's tensor is six times too small, which is not the student's work. The student turns
+    it to world axes; with this tensor, the way of the release's solution is accepted, too.
 
     found : of each mesh, the student's invIT, and the tensor in world axes at the orientation TURN
     """
