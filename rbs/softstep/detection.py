@@ -188,7 +188,7 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     angle = np.pi * np.sqrt(np.maximum(1.0 - cosine, 0.0))
     change = norm(translation - take(manifolds.translation, moved, axis=1))
     change += angle * frames.sizes(first, second)[1]
-    isValid[moved] = change <= take(manifolds.room, moved)
+    isValid[moved] = change <= take(manifolds.breakingThreshold, moved)
     return manifolds if isValid.all() else manifolds.rows(indices(isValid))
 
 
@@ -218,8 +218,8 @@ def _with_pairs(frames, pairs, valid, ground):
     """Contacts with the ground and those of pairs, see `_facing_pairs`, as for `_new_manifolds`;
     pairs that defer to a support, among these and the valid `Manifolds`, take over its normal.
 
-    A pair whose faces, seen along the normal, do not overlap touches nowhere. Along the normal of
-    another, it is not seen how deep the two get into each other.
+    A pair whose faces, seen along the normal, do not overlap touches nowhere. Along a support's
+    normal, a manifold does not show how deep the two bodies are in each other, and is soon rebuilt.
     """
     isAsked = np.zeros(frames.count + 1, dtype=bool)
     isAsked[pairs.first] = isAsked[pairs.second] = True
@@ -243,8 +243,8 @@ def _with_pairs(frames, pairs, valid, ground):
 def _ground_contacts(frames, body):
     """Contacts of the bodies (K,) with the ground, as for `_new_manifolds`.
 
-    Between their old points, a cylinder that wobbles on its edge would sink in, and gain energy as
-    it is pushed out.
+    They are soon rebuilt, too: between old points, a cylinder that wobbles on its edge would sink
+    in, and gain energy as it is pushed out.
     """
     ground, keep = np.full(len(body), frames.count), np.full(len(body), FLUSH)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
@@ -285,7 +285,7 @@ def _new_manifolds(frames, first, second, normal, tangent, keep, row, corners):
         isPoint=isPoint,
         translation=vec_mat(t, rotation1),
         rotation=frames.relative_orientations(first, second),
-        room=keep * size,
+        breakingThreshold=keep * size,
         impulse=np.zeros(isPoint.shape),
         friction=np.zeros_like(normal),
     )

@@ -51,7 +51,8 @@ class Manifolds(SimpleNamespace):
     anchor1, anchor2 : (3, 4, M), contact points on either body, in its frame
     isPoint : (4, M) bool; the anchors are meaningless if false
     translation, rotation : (3, M), (4, M), pose of the second body in the first one's frame when
-        the manifold was built; room : (M,), change of this pose up to which it is kept, in m
+        the manifold was built
+    breakingThreshold : (M,), change of this pose, in m, up to which the manifold is kept
     impulse, friction : (4, M), along the normal at the points; (3, M), along t1, t2 and as a twist
         about n; mass · speed, from the last substep, for warm starting
     """
@@ -103,7 +104,7 @@ class Manifolds(SimpleNamespace):
 NO_MANIFOLDS = Manifolds(
     key=np.zeros(0, dtype=np.int64),
     isPoint=np.zeros((POINTS, 0), dtype=bool),
-    room=np.zeros(0),
+    breakingThreshold=np.zeros(0),
     rotation=np.zeros((4, 0)),
     **{name: np.zeros((3, 0)) for name in ("normal", "tangent", "translation", "friction")},
     **{name: np.zeros((3, POINTS, 0)) for name in ("anchor1", "anchor2")},
@@ -139,8 +140,8 @@ class PlacedManifolds:
         self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
 
     def heights(self):
-        """Heights (2, M) of the deepest points on the first and on the second body, from its COM
-        towards the other body: of the planes that they support it with.
+        """Heights (2, M) of the deepest points of the first and of the second body, from its COM
+        towards the other body. As a support, a body reaches up to there.
         """
         gap = np.where(self.isPoint, self.gap, np.inf)
         deepest = gap.argmin(axis=0), np.arange(self.count)

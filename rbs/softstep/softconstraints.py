@@ -124,9 +124,8 @@ class SoftConstraints:
         self.response = self._summed(self.share * diagonal)
         self.A = np.add.reduce(take(self.J, self.ends[0], 1) * take(self.MJ, self.ends[1], 1))
         self._factors = {}
-        bound = np.where(
-            self.length - self.upper >= self.lower - self.length, self.upper, self.lower
-        )
+        isUpper = self.length - self.upper >= self.lower - self.length
+        bound = np.where(isUpper, self.upper, self.lower)
         self.lowest = np.where(bound >= self.upper, -np.inf, 0.0)
         self.highest = np.where(bound <= self.lower, np.inf, 0.0)
         self.C = self.length - bound

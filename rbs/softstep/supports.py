@@ -33,8 +33,6 @@ def deferring(frames, ends, normal, asked, heights):
     approach least counts.
     """
     (first, second), count, hulls = ends, len(normal[0]), frames.hulls
-    isAsked = np.zeros(frames.count + 1, dtype=bool)
-    isAsked[ends[:, asked]] = True
     # each contact twice: the second body under the first, and the first under the second
     body, base = np.concatenate((ends, ends[::-1]), axis=1)
     outward, level = np.concatenate((-normal, normal), axis=1), np.zeros(2 * count)
@@ -43,7 +41,7 @@ def deferring(frames, ends, normal, asked, heights):
     level.reshape(2, count)[:, : len(heights[0])] = heights[::-1]
     t = take(frames.position, second, axis=1) - take(frames.position, first, axis=1)
     depth = level[:count] + level[count:] - dot(normal, t)
-    some = indices((isAsked & ~np.append(frames.bodies.isFixed, True))[body])
+    some = indices(~np.append(frames.bodies.isFixed, True)[body])
     some = some[body[some].argsort(kind="stable")]
     perBody = np.bincount(body[some], minlength=frames.count + 1)
     start = perBody.cumsum() - perBody
