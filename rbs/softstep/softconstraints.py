@@ -175,13 +175,11 @@ class SoftConstraints:
             motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
     def unmet(self, motion):
-        """`(strained (2, I), infeasible (2, J))`: columns of `Motion` that constraints join whose
-        push has the largest speed allowed, and those whose errors Newton's method does not halve.
-        The constraints are left at the poses at which it ended.
+        """Columns (2, I) of `Motion` that constraints join whose errors Newton's method does not
+        halve. The constraints are left at the poses at which it ended.
         """
         if self.count == 0:
-            return self.columns, self.columns
-        strained = np.abs(self.C) > self.pushSpeed * self.h
+            return self.columns
         begin, most, isOff = motion.displacement.copy(), 0.5 * np.abs(self.C), self.isOff
         isLeft = isOff
         for _ in range(SWEEPS):
@@ -192,7 +190,7 @@ class SoftConstraints:
             self._update(motion, self._lasting)
             isLeft = isOff & (np.abs(self.C) > most)
         motion.displacement[:] = begin
-        return self.columns[:, strained], self.columns[:, isLeft]
+        return self.columns[:, isLeft]
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the

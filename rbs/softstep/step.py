@@ -117,7 +117,8 @@ class Motion:
     shift, turn : (3, m + 1), sums of v h and of ω h, so that orientations become exp(turn/2) ∘ q,
         see also `SoftConstraints`; displacement : (6, m + 1), both
     invMass : (m + 1,); invInertia : (9, m + 1); inverse : (10, m + 1), both
-    inertia : (9, m), to which constraints add none, see `SoftConstraints`; of the start, as are all
+    mass, inertia : (m,), 0 if no impulse changes its velocity, and (9, m), to which constraints
+        add none, see `SoftConstraints`; of the start, as are all
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
     drift : (3, m + 1), mean angular velocities of free flight less those at its start, or None.
         Bodies turn by the former, while impulses change the latter, and angular momenta last
@@ -139,6 +140,8 @@ class Motion:
         self.invMass[:-1] = take(bodies.invMass, self.moving)
         self.invInertia[:, :-1] = take(bodies.invInertia, self.moving, axis=1)
         self.acceleration[:, some] = (~bodies.isFixed * bodies.acceleration)[:, self.bodies]
+        isMovable = self.invMass[:-1] > 0.0
+        self.mass = 1.0 / np.where(isMovable, self.invMass[:-1], np.inf)
         self.inertia = inverted(self.invInertia[:, :-1].reshape(3, 3, count)).reshape(9, count)
         self.drift = drift
         if drift is not None:
