@@ -17,7 +17,6 @@ from rbs.softstep.manifolds import (
     pair_corners,
 )
 from rbs.softstep.supports import FLUSH, deferring
-from rbs.stepping.constraints import linked_keys
 
 # Lengths are fractions of the thickness of the thinner body.
 
@@ -149,8 +148,8 @@ def detect(step, frames, state, isDisturbed, tied):
     first, second = frames.near_pairs(isStill, tied)
     key = first * (frames.count + 1) + second
     if not step.linkedBodiesCollide:
-        linked = linked_keys(step, frames.count + 1)
-        others = indices(find_sorted(key, linked) < 0)
+        low, high = np.sort(tied, axis=0)
+        others = indices(~np.isin(key, low * (frames.count + 1) + high))
         first, second, key = first[others], second[others], key[others]
     axis = vectors.known_columns(key, state.pairKey, state.pairAxis)
     valid = _valid_manifolds(state.manifolds, frames, key, isStill)

@@ -214,7 +214,7 @@ class Bodies:
         if self._near is None or not (box >= self._near[0]).all():
             least = REACH * (-box[3:] - box[:3]).max(axis=0)
             reach = box - (least if growth is None else growth)
-            self._near = reach, grid_overlaps(reach, np.zeros(len(self.meshes), dtype=bool))
+            self._near = reach, grid_overlaps(reach)
         pairs = overlapping(box, *self._near[1])
         return take(pairs, indices(~take(isStill, pairs).all(axis=0)), axis=1)
 
@@ -223,13 +223,12 @@ class Bodies:
         their poses then, (3, n) and (4, n), unless they have a velocity of their own, or have
         jumped by more than their radius.
         """
-        self._end, isMoved = None, self.isFixed & ~self.isKinematic
+        isMoved = self.isFixed & ~self.isKinematic
         if isMoved.any():
             displacement = self.position - position
             isMoved &= displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
             isMoved &= np.sqrt((displacement * displacement).sum(axis=0)) <= self.hulls.radius
         if isMoved.any():
-            self._end = isMoved, self.state[:, :-1]
             q = np.array(multiply(self.orientation, (orientation[0], *-orientation[1:])))
             turn = rotation_vectors(np.where(q[0] < 0.0, -q, q))
             moving = position, displacement / timeStep, turn / timeStep, orientation
@@ -238,9 +237,9 @@ class Bodies:
 
     def end_moved(self):
         """Ends the motion of `start_moved` exactly where the bodies were, at rest."""
-        if self._end is not None:
-            isMoved, end = self._end
-            self._store(end, isMoved)
+        isMoved = self.isKinematic & ~self._state[3:9, :-1].any(axis=0)
+        if isMoved.any():
+            self._store(self._state[:, :-1], isMoved)
 
     def lowest_points(self):
         """`(b (m,), point (3, m))`: bodies that reach y ≤ 0, and their lowest vertices."""
