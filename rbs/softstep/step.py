@@ -61,8 +61,9 @@ def soft_step(step):
             bodies.angVelocity[:] = bodies.tumbling_velocities(step.timeStep)[0]
             drift = bodies.angVelocity - begin
     with report.phase("collisions"):
-        frames = Frames(bodies, step.timeStep, hasGround)
-        found = detect(step, frames, state, isDisturbed, tied)
+        isStill = state.sleep.isAsleep | (bodies.isFixed & ~bodies.isKinematic)
+        frames = Frames(bodies, step.timeStep, hasGround, isStill & ~isDisturbed, tied)
+        found = detect(step, frames, state, tied)
         given = state, before[:3], found, tied, isDisturbed, isBereft
         manifolds, sleep, isTried = wake(step, frames, *given)
     with report.phase("contactSolver"):

@@ -204,16 +204,14 @@ class Bodies:
         """Returns the boxes of the bodies b (m,) at the positions (3, m), as in `box`."""
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
 
-    def near_pairs(self, box, isStill, growth=None):
+    def near_pairs(self, box, isStill):
         """Returns the pairs i < j (2, P), in this order, whose boxes (6, n) overlap, but for two
         that are still, isStill (n,).
 
-        They are among those of an earlier call as long as each box lies within its reach then, the
-        box grown by `growth` (6, n), or by REACH.
+        They are among those of an earlier call as long as each box lies within its reach then.
         """
         if self._near is None or not (box >= self._near[0]).all():
-            least = REACH * (-box[3:] - box[:3]).max(axis=0)
-            reach = box - (least if growth is None else growth)
+            reach = box - REACH * (-box[3:] - box[:3]).max(axis=0)
             self._near = reach, grid_overlaps(reach)
         pairs = overlapping(box, *self._near[1])
         return take(pairs, indices(~take(isStill, pairs).all(axis=0)), axis=1)
