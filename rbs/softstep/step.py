@@ -29,7 +29,7 @@ from rbs.softstep.contacts import SoftContacts, StillContacts
 from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.rows import inverted
-from rbs.softstep.sleeping import Sleep, beside, connected, wake
+from rbs.softstep.sleeping import Sleep, beside, connected, unloaded, wake
 from rbs.softstep.softconstraints import SoftConstraints, changed_ends, constraint_keys
 from rbs.stepping.flight import turned
 
@@ -41,7 +41,7 @@ def soft_step(step):
         return
     with report.phase("gather"):
         state = SolverState() if state is None else state
-        before, isBereft = state.surroundings, state.renumber(bodies)
+        lastGravity, isBereft = state.surroundings[:3], state.renumber(bodies)
         h, hasGround = step.timeStep / step.substeps, step.groundMesh is not None
         constraints = constraint_keys(step.constraints, bodies)
         tied = constraints[0:4:2].astype(np.intp)
@@ -64,8 +64,8 @@ def soft_step(step):
         isStill = state.sleep.isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         frames = Frames(bodies, step.timeStep, hasGround, isStill & ~isDisturbed, tied)
         found = detect(step, frames, state, tied)
-        given = state, before[:3], found, tied, isDisturbed, isBereft
-        manifolds, sleep, isTried = wake(step, frames, *given)
+        manifolds, isBereft = unloaded(found, state, frames, lastGravity, isDisturbed, isBereft)
+        sleep, isTried = wake(step, frames, state.sleep, manifolds, tied, isDisturbed, isBereft)
     with report.phase("contactSolver"):
         motion = Motion(frames, sleep.isAsleep & ~isTried, drift)
         distances = SoftConstraints(constraints, frames, motion, state, h, ratio)
@@ -203,8 +203,8 @@ class SolverState:
         self.substep, self.removed, self.rest = 0.0, (), None
 
     def renumber(self, bodies):
-        """Takes up the bodies of a step. Returns which (n,) touched a removed one, or were tied to
-        it; they wake.
+        """Takes up the bodies of a step. Returns which (n,) touched a removed one, were tied to it,
+        or were fixed; they wake.
 
         Added bodies are awake and have no contacts. Without `removed`, bodies are taken to be
         removed from the end of the list.
@@ -231,7 +231,7 @@ class SolverState:
             self.constraint[0:4:2] = ends[:, isKept]
             self.constraintImpulse = self.constraintImpulse[:, isKept]
         self.count, self.removed = count, ()
-        return isBereft
+        return isBereft | (np.isinf(self.sleep.timer) & ~bodies.isFixed)
 
     def disturbed(self, step, hasGround, constraint, tied, h):
         """`(isDisturbed (n,), ratio)`: which bodies wake because they were changed, or are driven,
