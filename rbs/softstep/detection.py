@@ -77,9 +77,10 @@ class Frames(Poses):
     pairs : (2, P), bodies i < j, in this order, that may meet in the flight, unless both are still
     """
 
-    def __init__(self, bodies, timeStep, hasGround, isStill, tied):
-        """tied : (2, R), bodies that constraints join"""
-        super().__init__(bodies)
+    def __init__(self, step, isStill, tied):
+        """step : `Step`; tied : (2, R), bodies that constraints join"""
+        super().__init__(step.bodies)
+        bodies, hasGround, timeStep = step.bodies, step.groundMesh is not None, step.timeStep
         self.timeStep, self.velocity, self.isStill = timeStep, bodies.state[3:9], isStill
         self.isGroundMoving = self.velocity[:, -1].any()
         self.displacement = timeStep * self.velocity
