@@ -30,7 +30,7 @@ from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.rows import inverted
 from rbs.softstep.sleeping import Sleep, beside, connected, unloaded, wake
-from rbs.softstep.softconstraints import SoftConstraints, changed_ends, constraint_keys
+from rbs.softstep.softconstraints import SoftConstraints, carried, constraint_keys
 from rbs.stepping.flight import turned
 
 
@@ -66,7 +66,7 @@ def soft_step(step):
         sleep, isTried = wake(step, frames, state.sleep, manifolds, tied, isDisturbed, isBereft)
     with report.phase("contactSolver"):
         motion = Motion(frames, sleep.isAsleep & ~isTried, drift)
-        distances = SoftConstraints(constraints, frames, motion, state, h, ratio)
+        distances = SoftConstraints(constraints, state.constraintImpulse, frames, motion, h, ratio)
         contacts = SoftContacts(manifolds, frames, motion, step.mu, h, ratio)
         for _ in range(step.substeps):
             _make_substep(motion, contacts, distances, h)
@@ -78,7 +78,7 @@ def soft_step(step):
         isStill = (sleep.isAsleep & state.sleep.isAsleep) | bodies.isFixed
         state.manifolds = contacts.store(manifolds, np.concatenate((isStill, [True])))
         bodies.check("contacts and constraints")
-        state.constraint, state.constraintImpulse = constraints, distances.impulse
+        state.constraintImpulse = distances.impulse
         bodies.write_back()
     report.isAsleep, report.candidatePairs = state.sleep.isAsleep, len(state.pairKey)
     report.constraintVisits = distances.visits
@@ -242,7 +242,9 @@ class SolverState:
         isOther = not np.array_equal(self.surroundings, last) or ratio != 1.0
         isChanged = (bodies.state[:, :-1] != self.sleep.state).any(axis=0)
         isStirred = isChanged | bodies.isDriven | isOther
-        isStirred[changed_ends(constraint, self.constraint)] = True
+        given = constraint, self.constraint, self.constraintImpulse
+        self.constraintImpulse, retied = carried(*given)
+        self.constraint, isStirred[retied] = constraint, True
         isFree = ~bodies.isFixed
         if tied.size:  # what is tied to such a body wakes with it
             isStirred |= connected((isStirred | beside(isStirred, tied)) & isFree, isFree, tied)
