@@ -76,7 +76,7 @@ def soft_step(step):
         motion.store(bodies)
         state.sleep = sleep.settled(step, frames, motion, isTried)
         isStill = (sleep.isAsleep & state.sleep.isAsleep) | bodies.isFixed
-        state.manifolds = contacts.store(manifolds, np.concatenate((isStill, [True])))
+        state.manifolds = contacts.store(manifolds, np.append(isStill, True))
         bodies.check("contacts and constraints")
         state.constraintImpulse = distances.impulse
         bodies.write_back()

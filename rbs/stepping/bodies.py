@@ -10,7 +10,7 @@ from Quaternion import multiply, rotation_matrices
 from rbs.geometry.broadphase import grid_overlaps, overlapping
 from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_columns
 from rbs.geometry.triples import vector
-from rbs.geometry.vectors import indices, mat_vec, ranges, rotate_tensor, row_minima, take
+from rbs.geometry.vectors import indices, mat_vec, norm, ranges, rotate_tensor, row_minima, take
 from rbs.stepping.flight import rotation_vectors, torque_free_velocities, turned
 from rbs.stepping.meshes import LARGEST_NUMBER, Snapshot, check_distinct, columns_of, table_of
 from rbs.stepping.settings import EARTH
@@ -221,11 +221,9 @@ class Bodies:
         their poses then, (3, n) and (4, n), unless they have a velocity of their own, or have
         jumped by more than their radius.
         """
-        isMoved = self.isFixed & ~self.isKinematic
-        if isMoved.any():
-            displacement = self.position - position
-            isMoved &= displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
-            isMoved &= np.sqrt((displacement * displacement).sum(axis=0)) <= self.hulls.radius
+        displacement = self.position - position
+        isMoved = displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
+        isMoved &= self.isFixed & ~self.isKinematic & (norm(displacement) <= self.hulls.radius)
         if isMoved.any():
             q = np.array(multiply(self.orientation, (orientation[0], *-orientation[1:])))
             turn = rotation_vectors(np.where(q[0] < 0.0, -q, q))
