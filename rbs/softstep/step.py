@@ -5,7 +5,7 @@ in Physics Simulation. SCA 2019). Contacts are implicitly integrated springs and
 and Box2D v3 call this method soft step:
 
     contacts of near pairs, kept and new                             detection
-    bodies that wake, and sleepers that are tried                    sleeping
+    lost supports, bodies that wake, and sleepers that are tried     sleeping
     each substep of length h:
         gravity, and the impulses of the last substep                contacts
         all constraints solved together, and a pseudo-velocity       softconstraints
