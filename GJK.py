@@ -168,7 +168,7 @@ def nearest_facet(hull1, hull2, t):
 def spanned_facet(hull1, hull2, edge1, edge2):
     """Returns `(normal, offset)` of the facet that two edges span, or None.
 
-    `_FacetSearch.add_edge_pairs` derives the conditions.
+    `_FacetSearch.edge_pairs` derives the conditions.
     """
     e1, tail1, face1, face2 = edge1
     e2, tail2, face3, face4 = edge2

@@ -42,8 +42,9 @@ def grid_pairs(current, isFixed):
     """
     count, boxes, isFixed = len(current), current.copy(), np.array(isFixed, dtype=bool)
     reach = np.array([_reach(box) for box in boxes]).reshape(-1, 6).T
-    first, second = grid_overlaps(reach, isFixed)
-    queue = (first * count + second).tolist()  # sorted, so it is a heap
+    first, second = grid_overlaps(reach)
+    isPair = ~(isFixed[first] & isFixed[second])
+    queue = (first * count + second)[isPair].tolist()  # sorted, so it is a heap
     known = set(queue)
     while queue:
         key = heappop(queue)
@@ -72,26 +73,20 @@ def _reach(box):
     return _column(box) - margin
 
 
-def grid_overlaps(box, isFixed):
-    """Returns the pairs i < j (2, P) whose boxes overlap or touch, in this order.
-
-    box : (6, n); isFixed : (n,) bool; pairs of two fixed bodies are omitted
-    """
-    if len(isFixed) <= FEW:
-        meet = boxes_meet(box[:, :, None], box[:, None]) & ~(isFixed[:, None] & isFixed)
-        return np.array(np.triu(meet, 1).nonzero())
+def grid_overlaps(box):
+    """Returns the pairs i < j (2, P) whose boxes (6, n) overlap or touch, in this order."""
+    count = box.shape[1]
+    if count <= FEW:
+        return np.array(np.triu(boxes_meet(box[:, :, None], box[:, None]), 1).nonzero())
     found = [np.zeros((2, 0), dtype=np.intp)]
     for level, smaller, width in grid_levels(box):
-        fixed, movable = level[isFixed[level]], level[~isFixed[level]]
-        smallFixed, smallMovable = smaller[isFixed[smaller]], smaller[~isFixed[smaller]]
-        pairs = (movable, movable), (fixed, movable), (level, smallMovable), (movable, smallFixed)
-        for some, queries in pairs:
-            if len(some) and len(queries):
-                found.append(_level_overlaps(box, some, queries, width))
+        found.append(_level_overlaps(box, level, level, width))
+        if len(smaller):
+            found.append(_level_overlaps(box, level, smaller, width))
     i, j = np.concatenate(found, axis=1)
-    keys = np.minimum(i, j) * len(isFixed) + np.maximum(i, j)
+    keys = np.minimum(i, j) * count + np.maximum(i, j)
     keys.sort()
-    return np.array(np.divmod(keys, len(isFixed)))
+    return np.array(np.divmod(keys, count))
 
 
 def grid_levels(box):

@@ -86,9 +86,8 @@ def find_facets(pairs, margin, separation=None, level=-np.inf):
     for some in vectors.blocks(entries[near]):
         rows = near[some]
         search = _FacetSearch(pairs.of(rows))
-        search.find_near(margin[rows], leastDepth[rows], level[rows])
-        found += [(take(rows, pair), *facets) for pair, *facets in search.found]
-        completeUpTo[rows] = search.completeUpTo
+        facets, completeUpTo[rows] = search.find_near(margin[rows], leastDepth[rows], level[rows])
+        found += [(take(rows, pair), normal, offset) for pair, normal, offset in facets]
     pair, normal, offset = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
     order = pair.argsort(kind="stable")
     count = np.bincount(pair, minlength=len(margin))
@@ -136,11 +135,10 @@ class _FacetSearch:
     """
 
     def __init__(self, pairs):
-        self.pairs, self.hulls, self.found = pairs, pairs.hulls, []
+        self.pairs, self.hulls = pairs, (hulls := pairs.hulls)
         self.own = np.concatenate((pairs.first, pairs.second))
         self.other = np.concatenate((pairs.second, pairs.first))
         self.t = np.concatenate((pairs.t, -pairs.t), axis=1)
-        hulls = pairs.hulls
         # faces of all rows; count, start : (2 P,); row, offset : (F,); normal : (3, F)
         self.count = take(hulls.faceCount, self.own)
         self.start = self.count.cumsum() - self.count
@@ -148,7 +146,11 @@ class _FacetSearch:
         self.normal, self.offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
 
     def find_near(self, margin, leastDepth, level):
-        """Finds facets within margin, and up to level if the depth is ≥ leastDepth, each (P,)."""
+        """Finds facets within margin, and up to level if the depth is ≥ leastDepth, each (P,).
+
+        Returns those of faces and those of edges, each `(pair (K,), normal (3, K), offset (K,))`,
+        and `Facets.completeUpTo`.
+        """
         pairs = self.pairs
         # keeps ties
         extra, level = (x + FEATURE_TOLERANCE * pairs.size for x in (2.0 * margin, level))
@@ -173,11 +175,11 @@ class _FacetSearch:
         isComplete = depth >= leastDepth
         bound = np.maximum(depth + extra, level)
         near = indices(penetration <= take(np.where(isComplete, bound, depth), pair))
-        self.found.append((take(pair, near), take(normal, near, axis=1), take(offset, near)))
+        ofFaces = take(pair, near), take(normal, near, axis=1), take(offset, near)
         upTo = np.maximum(depth + 2.0 * margin, level)
-        self.completeUpTo = np.where(isComplete, upTo, -np.inf)
         rows = indices(np.concatenate((isComplete, isComplete)))
-        self.add_edge_pairs(bound, *self._edges_near(rows, bound, first, second))
+        ofEdges = self.edge_pairs(bound, *self._edges_near(rows, bound, first, second))
+        return (ofFaces, ofEdges), np.where(isComplete, upTo, -np.inf)
 
     def _depths_below_faces(self, vertex):
         """Depths (F,) of the vertex (2 P,) of each row's other hull below the row's faces."""
@@ -207,8 +209,8 @@ class _FacetSearch:
         kept = indices((nearOne | nearOther) == 0b111)
         return take(edge, kept), take(faces, kept, axis=1)
 
-    def add_edge_pairs(self, bound, edge, faces):
-        """Adds the facets with a penetration ≤ bound (P,) that edges span, see `_edges_near`.
+    def edge_pairs(self, bound, edge, faces):
+        """Facets with a penetration ≤ bound (P,) that edges span, see `_edges_near`.
 
         An edge of A with the arc α1 α2 and an edge of B with the arc β1 β2 span a facet of A - B if
         the arcs α1 α2 and -β1 -β2 cross. Each edge vector is the pole of its arc. With
@@ -263,4 +265,4 @@ class _FacetSearch:
             level = supports(hulls, self.own[some], -n)[0]
             offset[doubtful] = -level - supports(hulls, self.other[some], n)[0]
         near = indices(isNear)
-        self.found.append((take(pair, near), take(normal, near, axis=1), take(offset, near)))
+        return take(pair, near), take(normal, near, axis=1), take(offset, near)

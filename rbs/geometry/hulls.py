@@ -90,14 +90,14 @@ class Hull:
         self.edgeVector = points[head] - points[tail]
         self.edgeFaces = np.stack((face[i], face[neighbours[i, j]]), axis=1)
         self.radius = math.sqrt(dot(vertices.T, vertices.T).max())
-        face, corners = self._find_corners(face.repeat(3), ends)
+        self.offsets, face, corners = self._find_corners(face.repeat(3), ends)
         u = tangents(self.directions.T)
         axes = (take(axis, face, axis=1) for axis in (u, cross(self.directions.T, u)))
         order = by_angle(face, *(dot(axis, vertices[corners].T) for axis in axes))
         self.corners, self.cornerCount = corners[order], np.bincount(face)
 
     def _find_corners(self, face, ends):
-        """Sets the offsets; returns the faces and vertices (ΣC,) of all corners, face by face.
+        """Offsets (D,), and faces and vertices (ΣC,) of all corners, face by face.
 
         Any vertex up to FEATURE_TOLERANCE below a face is a corner of it. The vertices above a
         level are connected, so that the search goes from the triangles' corners to neighbours.
@@ -106,18 +106,18 @@ class Hull:
         links = np.unique(ends[:, [0, 1, 1, 2, 2, 0, 1, 0, 2, 1, 0, 2]].reshape(-1, 2), axis=0)
         degree = np.bincount(links[:, 0])
         start = degree.cumsum() - degree
-        self.offsets = np.full(len(self.directions), -np.inf)
+        offsets = np.full(len(self.directions), -np.inf)
         known, found = np.zeros(0, dtype=np.intp), face * count + ends.ravel()
         while len(found):
             face, heights = found // count, self._heights(found)
-            np.maximum.at(self.offsets, face, heights)
-            new = np.setdiff1d(found[heights >= self.offsets[face] - depth], known)
+            np.maximum.at(offsets, face, heights)
+            new = np.setdiff1d(found[heights >= offsets[face] - depth], known)
             known = np.union1d(known, new)
             face, vertex = np.divmod(new, count)
             row, link = ranges(start[vertex], degree[vertex])
             found = face[row] * count + links[link, 1]
-        isCorner = self._heights(known) >= self.offsets[known // count] - depth
-        return np.divmod(known[isCorner], count)
+        isCorner = self._heights(known) >= offsets[known // count] - depth
+        return offsets, *np.divmod(known[isCorner], count)
 
     def _heights(self, keys):  # keys : direction · V + vertex
         direction, vertex = np.divmod(keys, len(self.vertices))

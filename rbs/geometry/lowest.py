@@ -7,7 +7,6 @@ computed, with the same bits as if all were.
 """
 
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,27 +21,15 @@ ALL = CELLS**3
 # Height above the lowest vertex up to which a cell lists others, as a fraction of the radius: far
 # more than FEATURE_TOLERANCE times the size of a pair. With more, more vertices are compared.
 MARGIN = 1e-6
-# Number of vertices that most cells do not exceed. With more, more heights are computed; with less,
-# more directions are looked up twice.
-WIDTH = 4
-
-
-class Cells(NamedTuple):
-    """Cells of several hulls, ALL + 1 of each: the vertices that can be lowest, rows in `Hull`."""
-
-    count: np.ndarray  # (K,), vertices of each cell
-    start: np.ndarray
-    vertex: np.ndarray  # (Σ count,), cell by cell, ascending in each
-    first: np.ndarray  # (WIDTH, K), the first of each cell; if there are fewer, the last again
 
 
 @lru_cache(maxsize=64)
 def _cells(hulls):
-    """Returns the `Cells` of a tuple of `Hull`s."""
+    """Cells of `Hull`s, ALL + 1 of each: `(count (K,), start (K,), vertex)`, the vertices that can
+    be lowest, cell by cell and ascending in each, as rows in `Hull`.
+    """
     count, vertex = joined(*map(_low_vertices, hulls))
-    start = count.cumsum() - count
-    first = take(vertex, start + np.minimum(np.arange(WIDTH)[:, None], count - 1))
-    return Cells(count, start, vertex, first.astype(np.int32))
+    return count, count.cumsum() - count, vertex
 
 
 @lru_cache(maxsize=512)
@@ -72,20 +59,10 @@ def supports(hulls, bodies, directions):
     """`(level, vertex)`, (R,) each: height of the lowest vertex of each body (R,) of a `HullSet`
     along its direction (3, R), and its column there; of several, the first.
     """
-    # a few vertices of each body, (WIDTH, R), among them the lowest
-    cells, cell = _cells(hulls.distinct), _cells_of(hulls, bodies, directions)
-    column = take(cells.first, cell, axis=1) + take(hulls.vertexStart, bodies)
-    heights = dot(directions[:, None], take(hulls.vertices, column, axis=1))
-    rest = indices(take(cells.count, cell) > WIDTH)
-    if len(rest):
-        given = take(bodies, rest), take(directions, rest, axis=1), take(cell, rest)
-        _, count, columns, ofRest = _heights(hulls, *given)
-        heights[:, rest], lowest = row_minima(ofRest, count)
-        column[:, rest] = take(columns, lowest)
-    level, vertex = np.minimum.reduce(heights), column[-1]
-    for k in range(len(heights) - 2, -1, -1):
-        vertex = np.where(heights[k] == level, column[k], vertex)
-    return level, vertex
+    cell = _cells_of(hulls, bodies, directions)
+    _, count, column, heights = _heights(hulls, bodies, directions, cell)
+    level, lowest = row_minima(heights, count)
+    return level, take(column, lowest)
 
 
 def support_features(hulls, bodies, directions, tolerance):
@@ -103,10 +80,10 @@ def support_features(hulls, bodies, directions, tolerance):
 
 def _heights(hulls, bodies, directions, cell):
     """Heights of the vertices in the cells (R,): `(row (K,), count (R,), column (K,), heights)`."""
-    cells = _cells(hulls.distinct)
-    count = take(cells.count, cell)
-    row, column = ranges(take(cells.start, cell), count)
-    column = take(cells.vertex, column) + take(hulls.vertexStart, bodies).repeat(count)
+    cellCount, cellStart, vertex = _cells(hulls.distinct)
+    count = take(cellCount, cell)
+    row, column = ranges(take(cellStart, cell), count)
+    column = take(vertex, column) + take(hulls.vertexStart, bodies).repeat(count)
     heights = dot(directions.repeat(count, axis=1), take(hulls.vertices, column, axis=1))
     return row, count, column, heights
 

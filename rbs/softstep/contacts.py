@@ -8,7 +8,7 @@ import numpy as np
 
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, indices, norm, take
-from rbs.softstep.detection import KEEP, Frames
+from rbs.softstep.detection import KEEP, Poses
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS, ROUNDING, TINY, UNEVEN, PlacedManifolds
 from rbs.softstep.rows import SWEEPS, TOLERANCE, contact_rows, islands_of, mean_squares, reached
@@ -366,7 +366,7 @@ class StillContacts:
         """The contacts, as `ContactColumns`."""
         self._bodies.update_rotations()
         manifolds, rows = self._manifolds, np.arange(len(self._manifolds.key))
-        placed = PlacedManifolds(manifolds, Frames(self._bodies), rows)
+        placed = PlacedManifolds(manifolds, Poses(self._bodies), rows)
         impulses = manifolds.impulse * placed.isPoint, manifolds.friction
         return placed.reported(self._substeps * np.concatenate(impulses))
 

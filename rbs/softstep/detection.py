@@ -17,7 +17,6 @@ from rbs.softstep.manifolds import (
     pair_corners,
 )
 from rbs.softstep.supports import FLUSH, deferring
-from rbs.stepping.constraints import linked_keys
 
 # Lengths are fractions of the thickness of the thinner body.
 
@@ -30,100 +29,26 @@ KEEP = 0.03
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
 # time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
 MARGIN = 0.01
-# Near pairs are looked up for this many steps ahead at the present velocities, and for further ways
-# of this fraction of a radius. With more, more pairs are compared in each step; with less, they are
-# looked up more often.
-AHEAD, ASIDE = 8.0, 0.2
 
 
-class Frames:
-    """Poses of n bodies and of the ground, at the origin, in n + 1 columns, and their free flight.
+class Poses:
+    """Poses of n bodies and of the ground, at the origin, in n + 1 columns.
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
-    velocity : (6, n + 1); the ground stays where it is even if it has one, as a conveyor belt
-    flight : (6, n + 1), displacements in the step's free flight, and rotation vectors; shift :
-        (3, n), the former; spinReach : (n,), by how much points of each body move as it turns
-    displacement : (6, n + 1), and rotation vectors, without gravity, forces and torques; glide :
-        (3, n + 1), without the latter
-
-    From `near_pairs` on:
-
-    reach : (n + 1,), largest distance that points of each body move in the flight
-    tiedReach : (n + 1,), the same of what constraints join it to, or 0
-    box : (6, n), bounding boxes of the whole flight, with a margin that keeps the manifolds of
-        resting pairs and lets sleeping bodies sleep
-    isNearGround : (n,), bodies that may meet the ground in the flight
+    thickness, radius : (n + 1,), of the hulls; inf of the ground
     """
 
-    def __init__(self, bodies, timeStep=0.0, hasGround=False):
+    def __init__(self, bodies):
         self.bodies, self.hulls, self.count = bodies, bodies.hulls, len(bodies.meshes)
-        self.position, self.velocity = bodies.state[:3], bodies.state[3:9]
-        self.orientation, self.rotation = bodies.state[9:], bodies.rotation
+        self.position, self.orientation = bodies.state[:3], bodies.state[9:]
+        self.rotation = bodies.rotation
         self._sizes = np.full((2, self.count + 1), np.inf)
         self._sizes[:, :-1] = self.hulls.thickness, self.hulls.radius
         self.thickness, self.radius = self._sizes
-        self.timeStep, self.hasGround = timeStep, hasGround
-        self.isGroundMoving = self.velocity[:, -1].any()
-        self.displacement = timeStep * self.velocity
-        self.glide = self.displacement[:3]
-        drop = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
-        self.flight = np.zeros((6, self.count + 1))
-        self.shift, turn = self.flight[:3, :-1], self.flight[3:, :-1]
-        self.shift[:] = timeStep * (bodies.linVelocity + drop)
-        # in the frame of the ground, of what is fixed, or else of all bodies
-        held = self.glide[:, -1:]
-        if not hasGround:
-            isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
-            held = self.shift[:, isHeld].mean(axis=1, keepdims=True)
-        self.shift -= held
-        turn[:] = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
-        self.spinReach = norm(turn) * self.hulls.radius
-
-    def near_pairs(self, isStill, tied):
-        """Returns the pairs (2, P) that may meet in the flight, and sets `reach` and `box`.
-
-        isStill : (n,), bodies that do not move; tied : see `detect`
-
-        Islands of such bodies that can meet nothing that is fixed move relative to their mean.
-        """
-        margin, ways = self._place_boxes(tied), np.concatenate((self.glide, -self.glide))[:, :-1]
-        growth = AHEAD * (margin - np.minimum(ways, 0.0)) + ASIDE * self.hulls.radius
-        near = self.bodies.near_pairs(self.box, isStill, growth)
-        isHeld = self.bodies.isFixed | self.isNearGround
-        island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
-        isFree = (np.bincount(island, isHeld) == 0.0)[island]
-        if isFree[near].any():
-            total = np.array([np.bincount(island, x)[island] for x in self.shift])
-            self.shift -= np.where(isFree, total / np.bincount(island)[island], 0.0)
-            self._place_boxes(tied)
-            near = overlapping(self.box, *near)
-        return near
-
-    def _place_boxes(self, tied):
-        """Sets `reach` and `box` for the present `shift`; returns the margin (n,)."""
-        own = np.concatenate((norm(self.shift) + self.spinReach, [0.0]))
-        self.tiedReach = np.zeros(self.count + 1)
-        # constraints may make a body as fast as the one it is tied to
-        np.maximum.at(self.tiedReach, tied, own[tied[::-1]])
-        self.reach = np.maximum(own, self.tiedReach)
-        margin = self.spinReach + self.tiedReach[:-1] + MARGIN * self.hulls.thickness
-        flight = np.concatenate((self.shift, -self.shift))
-        self.box = self.bodies.box + np.minimum(flight, 0.0) - margin
-        self.isNearGround = self.hasGround & (self.box[1] <= 0.0) & ~self.bodies.isFixed
-        return margin
 
     def sizes(self, first, second):
         """Returns the lesser thickness and the lesser radius of the two hulls, (2, P)."""
         return np.minimum(take(self._sizes, first, axis=1), take(self._sizes, second, axis=1))
-
-    def advances(self, first, second, axis):
-        """Gaps (P,) that pairs may close in the flight, along axes (3, P), unit."""
-        ends, axis = np.array((first, second)), axis[:, None]
-        flight, size = take(self.flight, ends, axis=1), self.sizes(first, second)[0]
-        # a body that withdraws counts as still, because the impulse of another one may stop it
-        along, turn = dot(flight[:3], axis), norm(cross(flight[3:], axis))
-        way = np.maximum(along[0], 0.0) - np.minimum(along[1], 0.0) + MARGIN * size
-        return way + (turn * take(self.radius, ends) + take(self.tiedReach, ends)).sum(axis=0)
 
     def translations(self, first, second):
         """Vectors (3, P) from the first COM to the second, or to the ground right below."""
@@ -137,23 +62,93 @@ class Frames:
         return np.array(multiply((a[0], *-a[1:]), b))
 
 
-def detect(step, frames, state, isDisturbed, tied):
+class Frames(Poses):
+    """`Poses` at the start of a step, and the free flight in which bodies may meet.
+
+    velocity : (6, n + 1); the ground stays where it is even if it has one, as a conveyor belt
+    displacement : (6, n + 1), and rotation vectors, without gravity, forces and torques; glide :
+        (3, n + 1), without the latter
+    flight : (6, n + 1), displacements with these, relative to what bodies may meet, and rotation
+        vectors. Islands that can meet nothing that is fixed move relative to their mean
+    reach : (n + 1,), largest distance that points of each body move in the flight
+    tiedReach : (n + 1,), the same of what constraints join it to, or 0
+    isNearGround : (n,), bodies that may meet the ground in the flight
+    isStill : (n,), bodies that do not move
+    pairs : (2, P), bodies i < j, in this order, that may meet in the flight, unless both are still
+    """
+
+    def __init__(self, step, isStill, tied):
+        """step : `Step`; tied : (2, R), bodies that constraints join"""
+        super().__init__(step.bodies)
+        bodies, hasGround, timeStep = step.bodies, step.groundMesh is not None, step.timeStep
+        self.timeStep, self.velocity, self.isStill = timeStep, bodies.state[3:9], isStill
+        self.isGroundMoving = self.velocity[:, -1].any()
+        self.displacement = timeStep * self.velocity
+        self.glide = self.displacement[:3]
+        drop = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
+        self.flight = np.zeros((6, self.count + 1))
+        shift, turn = self.flight[:3, :-1], self.flight[3:, :-1]
+        shift[:] = timeStep * (bodies.linVelocity + drop)
+        # in the frame of the ground, of what is fixed, or else of all bodies
+        held = self.glide[:, -1:]
+        if not hasGround:
+            isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
+            held = shift[:, isHeld].mean(axis=1, keepdims=True)
+        shift -= held
+        turn[:] = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
+
+        box = self._place_boxes(hasGround, tied)
+        self.pairs = bodies.near_pairs(box, isStill)
+        isHeld = bodies.isFixed | self.isNearGround
+        links = np.concatenate((self.pairs, tied), axis=1)
+        island = islands(links, np.ones(self.count, dtype=bool))
+        isFree = (np.bincount(island, isHeld) == 0.0)[island]
+        if isFree[self.pairs].any():
+            total = np.array([np.bincount(island, x)[island] for x in shift])
+            shift -= np.where(isFree, total / np.bincount(island)[island], 0.0)
+            self.pairs = overlapping(self._place_boxes(hasGround, tied), *self.pairs)
+
+    def _place_boxes(self, hasGround, tied):
+        """Sets reaches and isNearGround for the present flight. Returns bounding boxes (6, n) of
+        all of it, with a margin that keeps the manifolds of resting pairs and lets sleeping bodies
+        sleep.
+        """
+        shift, turn = self.flight[:3, :-1], self.flight[3:, :-1]
+        spinReach = norm(turn) * self.hulls.radius
+        own = np.append(norm(shift) + spinReach, 0.0)
+        self.tiedReach = np.zeros(self.count + 1)
+        # constraints may make a body as fast as the one it is tied to
+        np.maximum.at(self.tiedReach, tied, own[tied[::-1]])
+        self.reach = np.maximum(own, self.tiedReach)
+        margin = spinReach + self.tiedReach[:-1] + MARGIN * self.hulls.thickness
+        way = np.concatenate((shift, -shift))
+        box = self.bodies.box + np.minimum(way, 0.0) - margin
+        self.isNearGround = hasGround & (box[1] <= 0.0) & ~self.bodies.isFixed
+        return box
+
+    def advances(self, first, second, axis):
+        """Gaps (P,) that pairs may close in the flight, along axes (3, P), unit."""
+        ends, axis = np.array((first, second)), axis[:, None]
+        flight, size = take(self.flight, ends, axis=1), self.sizes(first, second)[0]
+        # a body that withdraws counts as still, because the impulse of another one may stop it
+        along, turn = dot(flight[:3], axis), norm(cross(flight[3:], axis))
+        way = np.maximum(along[0], 0.0) - np.minimum(along[1], 0.0) + MARGIN * size
+        return way + (turn * take(self.radius, ends) + take(self.tiedReach, ends)).sum(axis=0)
+
+
+def detect(step, frames, state, tied):
     """Detects the contacts of a `Step`: the `Manifolds` of all pairs near enough.
 
-    state : `SolverState`, whose pairs are replaced by those of this step
-    tied : (2, R), bodies that constraints join
+    state : `SolverState`, whose pairs are replaced by those of this step; tied : as for `Frames`
     """
-    # two bodies that do not move in this step keep their manifold, or have none
-    isStill = state.sleep.isAsleep | (frames.bodies.isFixed & ~frames.bodies.isKinematic)
-    isStill &= ~isDisturbed
-    first, second = frames.near_pairs(isStill, tied)
+    first, second = frames.pairs
     key = first * (frames.count + 1) + second
     if not step.linkedBodiesCollide:
-        linked = linked_keys(step, frames.count + 1)
-        others = indices(find_sorted(key, linked) < 0)
+        low, high = np.sort(tied, axis=0)
+        others = indices(~np.isin(key, low * (frames.count + 1) + high))
         first, second, key = first[others], second[others], key[others]
     axis = vectors.known_columns(key, state.pairKey, state.pairAxis)
-    valid = _valid_manifolds(state.manifolds, frames, key, isStill)
+    valid = _valid_manifolds(state.manifolds, frames, key)
     asked = indices(find_sorted(key, valid.key) < 0)
     landing = indices(frames.isNearGround)
     landing = landing[find_sorted(landing * (frames.count + 1) + frames.count, valid.key) < 0]
@@ -168,13 +163,14 @@ def detect(step, frames, state, isDisturbed, tied):
     return valid.joined(new)
 
 
-def _valid_manifolds(manifolds, frames, nearKey, isStill):
-    """Returns the manifolds of pairs that are still near and in nearly the same relative pose.
+def _valid_manifolds(manifolds, frames, nearKey):
+    """Returns the manifolds of pairs that are still near and in nearly the same relative pose, and
+    those of two bodies that do not move.
 
-    nearKey : (Q,), sorted keys of the near pairs of which one body moves; isStill : as for `detect`
+    nearKey : (Q,), sorted keys of the near pairs of which one body moves
     """
     ends = manifolds.bodies(frames.count)
-    isValid = take(np.concatenate((isStill, [True])), ends).all(axis=0)
+    isValid = take(np.append(frames.isStill, True), ends).all(axis=0)
     isNear = find_sorted(manifolds.key, nearKey) >= 0
     isNear |= (ends[1] == frames.count) & take(frames.isNearGround, ends[0])
     moved = indices(~isValid & isNear)
@@ -296,7 +292,7 @@ def separation_growths(normal, tangent, t, displacements, row, u, v):
 
     n · (d2 + θ2 × r - d1 - θ1 × (r + t)), with r from the second COM
 
-    normal, tangent, t : (3, K), see `Frames.translations`; row : (Q,), of each corner
+    normal, tangent, t : (3, K), see `Poses.translations`; row : (Q,), of each corner
     displacements : (6, 2, K), and rotation vectors, of the two bodies in the step, without gravity
     """
     (d1, d2), (turn1, turn2) = displacements.reshape(2, 3, 2, -1).swapaxes(1, 2)

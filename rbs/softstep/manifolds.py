@@ -116,7 +116,7 @@ class PlacedManifolds:
     """Geometry of manifolds `rows` (M,), ascending, in world axes.
 
     first, second : (M,), bodies; the ground is body n, but GROUND in `other`
-    t : (3, M), see `Frames.translations`; normal, tangent1, tangent2 : (3, M), unit
+    t : (3, M), see `Poses.translations`; normal, tangent1, tangent2 : (3, M), unit
     arm : (3, 4, M), from the first COM to the points on the first body
     gap : (4, M), separation at the start of the step, along the normal
     """

@@ -1,17 +1,17 @@
 """Sleeping: bodies at rest are skipped until something disturbs them.
 
-The rule is local: a body falls asleep if it has been slow for a while, and stayed where it was.
+The rule is local: a body falls asleep once it has been slow, and near the same place, for a while.
 Box2D and Bullet put whole islands to sleep instead. In a heap, which is one island, a few rolling
 bodies would keep nearly all of it awake.
 
-A sleeping body has no velocity, and supports others like a fixed one. It wakes if it or a body that
-it touches has been changed from outside or is fast, if a constraint changes, and if the scene does.
-This spreads by one body per step. But a whole island wakes at once where it loses a support from
-outside, or stands on one that moves; on that, it stays awake, however slow it is.
+A sleeping body has no velocity, and supports others like a fixed one. It wakes if it is changed
+from outside, if a constraint of it or the scene changes, or if it touches a body that has been
+changed or is fast. Such a disturbance spreads by one body per step. A whole island wakes at once if
+it loses a support, or rests on something that moves, where it stays awake however slow it is.
 
-A sleeper is no wall, either. Those that a blow could make fast, if its momentum passed on to them,
-are tried: they move in this step with their masses. Those that still lie at rest at its end have
-never moved; others stay awake until they do. Those that a force could move wake.
+Forces and blows reach farther. Bodies that a force could move wake. Those that a blow could make
+fast, if its momentum passed on to them, are on trial: they move in this step with their masses. If
+they still lie at rest at its end, they have not moved; otherwise they stay awake.
 """
 
 from copy import deepcopy
@@ -63,17 +63,21 @@ class Sleep(SimpleNamespace):
         return sleep
 
     def settled(self, step, frames, motion, isTried):
-        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep; those on
-        trial, isTried (n,), that do so have not moved.
+        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep. Those on
+        trial, isTried (n,), are put back to where they were.
         """
-        bodies, timeStep = frames.bodies, step.timeStep
+        bodies, timeStep, own = frames.bodies, step.timeStep, motion.bodies
         if not step.sleeping:
             return Sleep.none(bodies)
         isStill, way = self.isAsleep & ~isTried, self.way + timeStep * bodies.velocity
+        mean = bodies.velocity.copy()
+        mean[:, own] = motion.displacement[:, : len(own)] / timeStep
         speed = 0.5 * STEADY * bodies.fallRate * SLEEP_SECONDS
         # what glides, or starts to slide, leaves its place; a tremor does not
         isNear = _speeds(bodies, way) <= speed * np.where(isTried, timeStep, SLEEP_SECONDS)
-        rests = isStill | (isNear & _are_slow(bodies, motion))
+        isSlow = np.maximum(_speeds(bodies, bodies.velocity), _speeds(bodies, mean))
+        isSlow = isSlow <= _slow_speeds(bodies)
+        rests = isStill | (isNear & isSlow)
         timer = np.where(bodies.isFixed, np.inf, np.where(rests, self.timer + timeStep, 0.0))
         isAsleep = (timer >= SLEEP_SECONDS) & ~bodies.isFixed
         bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)
@@ -82,97 +86,94 @@ class Sleep(SimpleNamespace):
         return Sleep(isAsleep=isAsleep, timer=timer, way=way, state=state)
 
 
-def wake(step, frames, state, gravity, manifolds, tied, isDisturbed, isBereft):
-    """`(manifolds, sleep, isTried (n,))`: the manifolds and the `Sleep` with which the bodies of a
-    `Step` move, and which sleepers are tried.
+def wake(step, frames, sleep, manifolds, tied, isDisturbed, isBereft):
+    """`(sleep, isTried (n,))`: the `Sleep` with which the bodies of a `Step` move, and which
+    sleepers are on trial.
 
-    state : `SolverState`; gravity : (3,), of the last step; tied : as for `detect`
-    isDisturbed, isBereft : (n,), bodies that were changed, and that touched a removed one
+    sleep : `Sleep` at the end of the last step; manifolds : of this one; tied : as for `Frames`
+    isDisturbed, isBereft : (n,), bodies that were changed, and that have lost a support
     """
-    bodies, count, sleep, isFree = frames.bodies, frames.count, state.sleep, ~frames.bodies.isFixed
-    isBereft = isBereft | (np.isinf(sleep.timer) & isFree)  # of itself, if it was fixed
-    if isBereft.any() or (isDisturbed.any() and len(state.manifolds.key)):
-        lost = state.manifolds.rows(indices(find_sorted(state.manifolds.key, manifolds.key) < 0))
-        isLeft = np.append(isBereft, False)
-        isLeft[lost.bodies(count)[:, lost.impulse.any(axis=0)]] = True
-        manifolds, isBereft = released(manifolds, frames, isLeft, gravity)
-    isTried = np.zeros(count, dtype=bool)
+    bodies, isFree, isAsleep = frames.bodies, ~frames.bodies.isFixed, sleep.isAsleep
+    isTried = np.zeros(frames.count, dtype=bool)
     if not step.sleeping:
-        return manifolds, Sleep.none(bodies), isTried
-    links = np.concatenate((manifolds.bodies(count), tied), axis=1)
-    # what stands on the ground, or on a fixed body, that moves, and what has lost its support
+        return Sleep.none(bodies), isTried
+    links = np.concatenate((manifolds.bodies(frames.count), tied), axis=1)
     carriers = bodies.isFixed & (isDisturbed | bodies.isKinematic)
     isWoken = (isBereft | beside(carriers, links, frames.isGroundMoving)) & isFree
     isWoken = isDisturbed | connected(isWoken, isFree, links)
-    if sleep.isAsleep.any():
-        isMoving = isDisturbed | ~(sleep.isAsleep | _are_slow(bodies))
-        isWoken |= sleep.isAsleep & beside(isMoving, links)
-        load = bodies.acceleration - np.reshape([*step.gravity, 0.0, 0.0, 0.0], (6, 1))
-        force = bodies.isDriven * _speeds(bodies, load)
+    if isAsleep.any():
+        isFast = ~isAsleep & (_speeds(bodies, bodies.velocity) > _slow_speeds(bodies))
+        isWoken |= isAsleep & beside(isDisturbed | isFast, links)
         mass = 1.0 / np.where(isFree, bodies.invMass[:-1], np.inf)
-        least = STEADY * bodies.fallRate
-        isWoken |= sleep.isAsleep & reached(force >= least, force, mass, links, least)
-        isAwake = ~sleep.isAsleep | isWoken
-        blow = (1.0 + step.CRCoeff) * isAwake * _striking_speeds(step, frames, manifolds, isAwake)
+        load = bodies.acceleration - np.reshape([*step.gravity, 0.0, 0.0, 0.0], (6, 1))
+        force, least = _speeds(bodies, load), STEADY * bodies.fallRate
+        isWoken |= isAsleep & reached(force > least, force, mass, links, least)
+        isAwake = ~isAsleep | isWoken
+        blow = (1.0 + step.CRCoeff) * _striking_speeds(step, frames, manifolds, isAwake)
         least = _slow_speeds(bodies)
-        isTried = ~isAwake & reached(blow >= least, blow, mass, links, least)
+        isTried = ~isAwake & reached(blow > least, blow, mass, links, least)
     timer = np.where(isWoken, 0.0, sleep.timer)
-    sleep = Sleep(**vars(sleep) | {"isAsleep": sleep.isAsleep & ~isWoken, "timer": timer})
-    return manifolds, sleep, isTried
+    return Sleep(**vars(sleep) | {"isAsleep": isAsleep & ~isWoken, "timer": timer}), isTried
 
 
 def _striking_speeds(step, frames, manifolds, isAwake):
-    """Largest speed (n,) at which points of bodies come towards one that they meet in the step, or
-    would in one more substep: its last sweep stops them, too. The speed is relative to what is
-    still, because a body also pushes what the one before it pushes.
-
-    isAwake : (n,); at least one of the two bodies is
+    """Largest speed (n,) at which points of bodies that are awake, (n,), come towards one that they
+    meet in the step, or would in one more substep: its last sweep stops them, too. The speed is
+    relative to what is still, because a body also pushes what the one before it pushes.
     """
-    ends, found = manifolds.bodies(frames.count), np.zeros(frames.count + 1)
+    ends = manifolds.bodies(frames.count)
     rows = indices(np.append(isAwake, False)[ends].any(axis=0))
-    placed, towards = PlacedManifolds(manifolds, frames, rows), []
-    arms = placed.arm, placed.arm - placed.t[:, None]
-    for end, arm, sign in zip((placed.first, placed.second), arms, (1.0, -1.0), strict=True):
-        v, w = take(frames.velocity, end, 1).reshape(2, 3, 1, -1)
-        velocity = v + cross(np.broadcast_to(w, arm.shape), arm)
-        towards.append(sign * dot(placed.normal[:, None], velocity))
+    placed, ends = PlacedManifolds(manifolds, frames, rows), take(ends, rows, axis=1)
+    arms = np.stack((placed.arm, placed.arm - placed.t[:, None]), axis=1)  # (3, 2, 4, M)
+    v, w = take(frames.velocity, ends, axis=1)[:, :, None].reshape(2, 3, 2, 1, -1)
+    towards = dot(placed.normal[:, None, None], v + cross(w, arms))
+    towards[1] *= -1.0
     seconds = frames.timeStep * (1.0 + 1.0 / step.substeps)
     way = seconds * (towards[0] + towards[1] + frames.timeStep * frames.bodies.fallRate)
-    isMet = placed.isPoint & (placed.gap <= way)
-    speeds = np.where(isMet, towards, 0.0).max(axis=1)
-    np.maximum.at(found, np.concatenate((placed.first, placed.second)), speeds.ravel())
-    return found[:-1]
+    isMet, speeds = placed.isPoint & (placed.gap <= way), np.zeros(frames.count + 1)
+    np.maximum.at(speeds, ends, np.where(isMet, towards, 0.0).max(axis=1))
+    return isAwake * speeds[:-1]
 
 
-def released(manifolds, frames, isLeft, gravity):
-    """`(manifolds, isBereft (n,))`, after bodies (n + 1,) have lost a contact that carried a load.
+def unloaded(manifolds, state, frames, gravity, isDisturbed, isBereft):
+    """`(manifolds, isBereft (n,))`: without the loads of what falls in this step, because it has
+    lost what it rested on, and which bodies have lost a contact that carried a load.
 
-    gravity : m/s², of the last step
+    manifolds : of this step; state : `SolverState`, with those of the last one; gravity : m/s²,
+        along which they carried loads
+    isDisturbed, isBereft : (n,), bodies that were changed, and that touched a removed one
 
     A support is also lost that moves away faster than a body falls. If nothing else holds the
     body, the loads of the manifolds above it end at once, and their points no longer overlap.
     Otherwise, each body would still press on the next as it falls.
     """
+    old, isLeft = state.manifolds, np.append(isBereft, False)
+    if len(old.key) == 0 or not (isBereft | isDisturbed).any():
+        return manifolds, isBereft
+    isLost = old.impulse.any(axis=0) & (find_sorted(old.key, manifolds.key) < 0)
+    ends = old.bodies(frames.count)[:, isLost]
+    isLeft[ends[:, np.append(isDisturbed, False)[ends].any(axis=0)]] = True
+
     isStill, manifolds = np.append(frames.bodies.isFixed, True), deepcopy(manifolds)
     placed = PlacedManifolds(manifolds, frames, np.arange(len(manifolds.key)))
-    height = dot(np.reshape(gravity, (3, 1)), placed.normal)
-    isUp = height < 0.0  # the second body lies above the first
-    lower, upper = np.where(isUp, (placed.first, placed.second), (placed.second, placed.first))
+    along = dot(np.reshape(gravity, (3, 1)), placed.normal)
+    lower, upper = (placed.first, placed.second), (placed.second, placed.first)
+    lower, upper = np.where(along < 0.0, lower, upper)
     fall = frames.timeStep * ~frames.bodies.isFixed * frames.bodies.acceleration[:3]
     velocity = frames.velocity[:3] + np.column_stack((fall, np.zeros(3)))
     way = take(velocity, placed.second, axis=1) - take(velocity, placed.first, axis=1)
     rounding = ROUNDING * frames.timeStep * norm(gravity)
     isLeaving = isStill[lower] & (dot(way, placed.normal) > rounding)
-    isLoaded = manifolds.impulse.any(axis=0) & (height != 0.0)
+    isLoaded = manifolds.impulse.any(axis=0) & (along != 0.0)
     isLeft[upper[isLoaded & isLeaving]] = True
     isHeld = isStill.copy()
-    isTouching = ((placed.gap <= 0.0) & placed.isPoint).any(axis=0) & (height != 0.0)
+    isTouching = ((placed.gap <= 0.0) & placed.isPoint).any(axis=0) & (along != 0.0)
     isHeld[upper[isTouching & ~isLeaving]] = True
-    free, found = isLeft & ~isHeld, -1
-    while np.count_nonzero(free) > found:
-        found = np.count_nonzero(free)
-        free[upper[isLoaded & free[lower]]] = True
-    rows = indices(free[lower] | (isLeaving & free[upper]))
+    falls, found = isLeft & ~isHeld, -1
+    while np.count_nonzero(falls) > found:
+        found = np.count_nonzero(falls)
+        falls[upper[isLoaded & falls[lower]]] = True
+    rows = indices(falls[lower] | (isLeaving & falls[upper]))
     manifolds.impulse[:, rows] = manifolds.friction[:, rows] = 0.0
     lift = placed.normal[:, None, rows] * np.maximum(-placed.gap[:, rows], 0.0)
     rotation = take(frames.rotation, placed.second[rows], axis=1)
@@ -180,21 +181,8 @@ def released(manifolds, frames, isLeft, gravity):
     return manifolds, isLeft[:-1]
 
 
-def _slow_speeds(bodies):
-    return SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
-
-
-def _are_slow(bodies, motion=None):
-    """Whether bodies (n,) are slow; after a step with a `Motion`, also on average in it."""
-    speed, mean = _speeds(bodies, bodies.velocity), bodies.velocity.copy()
-    if motion is not None:
-        mean[:, motion.bodies] = motion.displacement[:, : len(motion.bodies)] / motion.timeStep
-        speed = np.maximum(speed, _speeds(bodies, mean))
-    return speed <= _slow_speeds(bodies)
-
-
 def connected(some, isFree, links):
-    """Which bodies (n,) are in the islands of `some` (n,); isFree : see `islands`."""
+    """Which bodies (n,) are in the islands of `some` (n,); links, isFree : see `islands`"""
     if not some.any():
         return some
     island = islands(links, isFree)
@@ -207,6 +195,10 @@ def beside(some, links, ground=False):
     found = np.zeros_like(some)
     found[links[some[links[::-1]]]] = True
     return found[:-1]
+
+
+def _slow_speeds(bodies):
+    return SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
 
 
 def _speeds(bodies, velocity):

@@ -45,8 +45,9 @@ class SoftConstraints:
     ball joint: in a step, it keeps the vector p1 - p2, by three equations along fixed axes d.
 
     key : (6, R), body, vertex, body, vertex, lower, upper
-    impulse : (2, R), the greatest of a substep, before or after relaxing, and the greatest that has
-        lasted for two, which gives links the mass that they keep if the time step changes
+    impulse : (2, R), the greatest of a substep, before or after relaxing, inf before the first one,
+        and the greatest that has lasted for two, which gives links the mass that they keep if the
+        time step changes
     movable : (K,), the pair of each equation, of those that can move; all that follows is of these
     share : (K,), 1, and a third in joints; pulls : (K,), impulses of the present substep
     visits : number of rows of all systems of equations that the step has factored
@@ -56,18 +57,11 @@ class SoftConstraints:
     ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the equations that have them
     """
 
-    def __init__(self, key, frames, motion, state, h, ratio):
-        """state : `SolverState`; h, ratio : as for `SoftContacts`"""
+    def __init__(self, key, impulse, frames, motion, h, ratio):
+        """impulse : of the last step; h, ratio : as for `SoftContacts`"""
         bodies, vertices = (key[k:4:2].astype(np.intp) for k in (0, 1))
-        self.impulse, isNew = np.zeros((2, len(key[0]))), np.ones(len(key[0]), dtype=bool)
-        before, (pull, lasting) = state.constraint, state.constraintImpulse
-        now = last = slice(None)
-        if not np.array_equal(key[:4], before[:4]):
-            both = np.concatenate((key[:4], before[:4]), axis=1).astype(np.intp)
-            ends = np.split(pair_numbers(both), [len(isNew)])
-            _, now, last = np.intersect1d(*ends, return_indices=True)
         # the force, and the masses of links, stay
-        self.impulse[:, now], isNew[now] = (ratio * pull[last], lasting[last] / ratio), False
+        self.impulse = np.array((ratio * impulse[0], impulse[1] / ratio))
         columns, radius = take(motion.column, bodies), frames.sizes(*bodies)[1]
         isJoint = key[4:].max(axis=0) <= JOINT * radius
         parts = np.where(isJoint, 3, 1) * (motion.invMass[columns] > 0.0).any(axis=0)
@@ -90,11 +84,11 @@ class SoftConstraints:
         isMoving = motion.invMass[self._column] > 0.0
         given = self._column.tobytes(), isMoving.tobytes()
         self.ends, self.rows, self._order = _paired(*given)
-        self.pulls, lasting = self.impulse[:, some]
+        # the first pull counts as one that lasts, or light links would fly off
+        self._last, lasting = self.impulse[:, some]
+        self.pulls = np.where(self._last < np.inf, self._last, 0.0)
         if ratio > 1.0:  # links must bear the pull of a longer substep at once
             lasting = np.maximum(lasting, self.pulls)
-        # the first pull counts as one that lasts, or light links would fly off
-        self._last = np.where(isNew[some], np.inf, self.pulls)
         self._free, self._lasting = motion.inverse.copy(), np.zeros(self.count)
         self._update(motion, lasting)
 
@@ -331,12 +325,22 @@ def pair_numbers(ends):
     return which[0] * points.size + which[1]
 
 
-def changed_ends(key, before):
-    """Bodies (K,) of constraints that only one of two `SoftConstraints.key`s has."""
+def carried(key, before, impulse):
+    """`(impulse (2, R), bodies (K,))`: impulses of the constraints of the last step that join the
+    same points, and bodies whose constraints have been added, removed or changed.
+
+    key, before : `SoftConstraints.key` of this step and of the last; impulse : of the last step
+    """
     if np.array_equal(key, before):
-        return np.zeros(0, dtype=np.intp)
-    columns, count = np.unique(np.concatenate((key, before), axis=1), axis=1, return_counts=True)
-    return columns[0:4:2, count == 1].ravel().astype(np.intp)
+        return impulse, np.zeros(0, dtype=np.intp)
+    count, both = len(key[0]), np.concatenate((key, before), axis=1)
+    points = np.split(pair_numbers(both[:4].astype(np.intp)), [count])
+    _, now, last = np.intersect1d(*points, return_indices=True)
+    kept = np.tile([[np.inf], [0.0]], count)
+    kept[:, now] = impulse[:, last]
+    isSame = (key[:, now] == before[:, last]).all(axis=0)
+    others = np.delete(both, np.concatenate((now[isSame], count + last[isSame])), axis=1)
+    return kept, others[0:4:2].ravel().astype(np.intp)
 
 
 def constraint_keys(constraints, bodies):

@@ -5,7 +5,7 @@ in Physics Simulation. SCA 2019). Contacts are implicitly integrated springs and
 and Box2D v3 call this method soft step:
 
     contacts of near pairs, kept and new                             detection
-    bodies that wake, and sleepers that are tried                    sleeping
+    lost supports, bodies that wake, and sleepers that are tried     sleeping
     each substep of length h:
         gravity, and the impulses of the last substep                contacts
         all constraints solved together, and a pseudo-velocity       softconstraints
@@ -29,8 +29,8 @@ from rbs.softstep.contacts import SoftContacts, StillContacts
 from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.rows import inverted
-from rbs.softstep.sleeping import Sleep, beside, connected, wake
-from rbs.softstep.softconstraints import SoftConstraints, changed_ends, constraint_keys
+from rbs.softstep.sleeping import Sleep, beside, connected, unloaded, wake
+from rbs.softstep.softconstraints import SoftConstraints, carried, constraint_keys
 from rbs.stepping.flight import turned
 
 
@@ -41,33 +41,32 @@ def soft_step(step):
         return
     with report.phase("gather"):
         state = SolverState() if state is None else state
-        before, isBereft = state.surroundings, state.renumber(bodies)
-        h, hasGround = step.timeStep / step.substeps, step.groundMesh is not None
+        lastGravity, isBereft = state.surroundings[:3], state.renumber(bodies)
+        h = step.timeStep / step.substeps
         constraints = constraint_keys(step.constraints, bodies)
         tied = constraints[0:4:2].astype(np.intp)
-        isDisturbed, ratio = state.disturbed(step, hasGround, constraints, tied, h)
+        isDisturbed, ratio = state.disturbed(step, constraints, tied, h)
         bodies.start_moved(state.sleep.state[:3], state.sleep.state[9:], step.timeStep)
         isMoving = isDisturbed | isBereft | bodies.isKinematic
         if step.sleeping and not (isMoving | (state.sleep.isAsleep == bodies.isFixed)).any():
-            if state.rest is None:
-                state.rest = StillContacts(step, state.manifolds)
             report.isAsleep = state.sleep.isAsleep
-            report.add_later(state.rest)
+            report.add_later(StillContacts(step, state.manifolds))
             return
         bodies.update_rotations()
         drift = None
         if step.gyroscopic:  # bodies turn by the mean angular velocities of free flight
-            begin = bodies.angVelocity.copy()
-            bodies.angVelocity[:] = bodies.tumbling_velocities(step.timeStep)[0]
-            drift = bodies.angVelocity - begin
+            mean = bodies.tumbling_velocities(step.timeStep)[0]
+            drift = mean - bodies.angVelocity
+            bodies.angVelocity[:] = mean
     with report.phase("collisions"):
-        frames = Frames(bodies, step.timeStep, hasGround)
-        found = detect(step, frames, state, isDisturbed, tied)
-        given = state, before[:3], found, tied, isDisturbed, isBereft
-        manifolds, sleep, isTried = wake(step, frames, *given)
+        isStill = state.sleep.isAsleep | (bodies.isFixed & ~bodies.isKinematic)
+        frames = Frames(step, isStill & ~isDisturbed, tied)
+        found = detect(step, frames, state, tied)
+        manifolds, isBereft = unloaded(found, state, frames, lastGravity, isDisturbed, isBereft)
+        sleep, isTried = wake(step, frames, state.sleep, manifolds, tied, isDisturbed, isBereft)
     with report.phase("contactSolver"):
         motion = Motion(frames, sleep.isAsleep & ~isTried, drift)
-        distances = SoftConstraints(constraints, frames, motion, state, h, ratio)
+        distances = SoftConstraints(constraints, state.constraintImpulse, frames, motion, h, ratio)
         contacts = SoftContacts(manifolds, frames, motion, step.mu, h, ratio)
         for _ in range(step.substeps):
             _make_substep(motion, contacts, distances, h)
@@ -77,10 +76,9 @@ def soft_step(step):
         motion.store(bodies)
         state.sleep = sleep.settled(step, frames, motion, isTried)
         isStill = (sleep.isAsleep & state.sleep.isAsleep) | bodies.isFixed
-        state.manifolds = contacts.store(manifolds, np.concatenate((isStill, [True])))
+        state.manifolds = contacts.store(manifolds, np.append(isStill, True))
         bodies.check("contacts and constraints")
-        state.constraint, state.constraintImpulse = constraints, distances.impulse
-        state.rest = None
+        state.constraintImpulse = distances.impulse
         bodies.write_back()
     report.isAsleep, report.candidatePairs = state.sleep.isAsleep, len(state.pairKey)
     report.constraintVisits = distances.visits
@@ -190,7 +188,6 @@ class SolverState:
     removed : indices of bodies that have been removed since the last step, in this order
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
     constraintImpulse : (2, R), see `SoftConstraints`
-    rest : `StillContacts` while no body moves, or None
     """
 
     def __init__(self):
@@ -202,11 +199,11 @@ class SolverState:
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
         self.constraint, self.surroundings = np.zeros((6, 0)), np.zeros(0)
         self.constraintImpulse = np.zeros((2, 0))
-        self.substep, self.removed, self.rest = 0.0, (), None
+        self.substep, self.removed = 0.0, ()
 
     def renumber(self, bodies):
-        """Takes up the bodies of a step. Returns which (n,) touched a removed one, or were tied to
-        it; they wake.
+        """Takes up the bodies of a step. Returns which (n,) touched a removed one, were tied to it,
+        or were fixed; they wake.
 
         Added bodies are awake and have no contacts. Without `removed`, bodies are taken to be
         removed from the end of the list.
@@ -233,21 +230,24 @@ class SolverState:
             self.constraint[0:4:2] = ends[:, isKept]
             self.constraintImpulse = self.constraintImpulse[:, isKept]
         self.count, self.removed = count, ()
-        return isBereft
+        return isBereft | (np.isinf(self.sleep.timer) & ~bodies.isFixed)
 
-    def disturbed(self, step, hasGround, constraint, tied, h):
+    def disturbed(self, step, constraint, tied, h):
         """`(isDisturbed (n,), ratio)`: which bodies wake because they were changed, or are driven,
         from outside, and how many times as long substeps are as in the last step.
 
         constraint, tied : (6, R), (2, R), of this step, and the bodies that they join; h : s
         """
         bodies, ratio, last = step.bodies, h / (self.substep or h), self.surroundings
-        scene = step.mu, step.linkedBodiesCollide, hasGround, *bodies.state[3:9, -1]
-        self.surroundings, self.substep = np.array([*step.gravity, *scene]), h
+        ground = step.groundMesh is not None, *bodies.state[3:9, -1]
+        scene = *step.gravity, step.mu, step.linkedBodiesCollide, *ground
+        self.surroundings, self.substep = np.array(scene), h
         isOther = not np.array_equal(self.surroundings, last) or ratio != 1.0
         isChanged = (bodies.state[:, :-1] != self.sleep.state).any(axis=0)
         isStirred = isChanged | bodies.isDriven | isOther
-        isStirred[changed_ends(constraint, self.constraint)] = True
+        given = constraint, self.constraint, self.constraintImpulse
+        self.constraintImpulse, retied = carried(*given)
+        self.constraint, isStirred[retied] = constraint, True
         isFree = ~bodies.isFixed
         if tied.size:  # what is tied to such a body wakes with it
             isStirred |= connected((isStirred | beside(isStirred, tied)) & isFree, isFree, tied)
@@ -267,7 +267,7 @@ class SolverState:
         if self.count is None:
             return {}
         found = dict(vars(self))
-        del found["count"], found["rest"]
+        del found["count"]
         for table in ("sleep", "manifolds"):
             found |= {f"{table}.{name}": column for name, column in vars(found.pop(table)).items()}
         return {name: np.array(value) for name, value in found.items()}

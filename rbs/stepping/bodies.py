@@ -10,7 +10,7 @@ from Quaternion import multiply, rotation_matrices
 from rbs.geometry.broadphase import grid_overlaps, overlapping
 from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_columns
 from rbs.geometry.triples import vector
-from rbs.geometry.vectors import indices, mat_vec, ranges, rotate_tensor, row_minima, take
+from rbs.geometry.vectors import indices, mat_vec, norm, ranges, rotate_tensor, row_minima, take
 from rbs.stepping.flight import rotation_vectors, torque_free_velocities, turned
 from rbs.stepping.meshes import LARGEST_NUMBER, Snapshot, check_distinct, columns_of, table_of
 from rbs.stepping.settings import EARTH
@@ -204,17 +204,15 @@ class Bodies:
         """Returns the boxes of the bodies b (m,) at the positions (3, m), as in `box`."""
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
 
-    def near_pairs(self, box, isStill, growth=None):
+    def near_pairs(self, box, isStill):
         """Returns the pairs i < j (2, P), in this order, whose boxes (6, n) overlap, but for two
         that are still, isStill (n,).
 
-        They are among those of an earlier call as long as each box lies within its reach then, the
-        box grown by `growth` (6, n), or by REACH.
+        They are among those of an earlier call as long as each box lies within its reach then.
         """
         if self._near is None or not (box >= self._near[0]).all():
-            least = REACH * (-box[3:] - box[:3]).max(axis=0)
-            reach = box - (least if growth is None else growth)
-            self._near = reach, grid_overlaps(reach, np.zeros(len(self.meshes), dtype=bool))
+            reach = box - REACH * (-box[3:] - box[:3]).max(axis=0)
+            self._near = reach, grid_overlaps(reach)
         pairs = overlapping(box, *self._near[1])
         return take(pairs, indices(~take(isStill, pairs).all(axis=0)), axis=1)
 
@@ -223,13 +221,10 @@ class Bodies:
         their poses then, (3, n) and (4, n), unless they have a velocity of their own, or have
         jumped by more than their radius.
         """
-        self._end, isMoved = None, self.isFixed & ~self.isKinematic
+        displacement = self.position - position
+        isMoved = displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
+        isMoved &= self.isFixed & ~self.isKinematic & (norm(displacement) <= self.hulls.radius)
         if isMoved.any():
-            displacement = self.position - position
-            isMoved &= displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
-            isMoved &= np.sqrt((displacement * displacement).sum(axis=0)) <= self.hulls.radius
-        if isMoved.any():
-            self._end = isMoved, self.state[:, :-1]
             q = np.array(multiply(self.orientation, (orientation[0], *-orientation[1:])))
             turn = rotation_vectors(np.where(q[0] < 0.0, -q, q))
             moving = position, displacement / timeStep, turn / timeStep, orientation
@@ -238,9 +233,9 @@ class Bodies:
 
     def end_moved(self):
         """Ends the motion of `start_moved` exactly where the bodies were, at rest."""
-        if self._end is not None:
-            isMoved, end = self._end
-            self._store(end, isMoved)
+        isMoved = self.isKinematic & ~self._state[3:9, :-1].any(axis=0)
+        if isMoved.any():
+            self._store(self._state[:, :-1], isMoved)
 
     def lowest_points(self):
         """`(b (m,), point (3, m))`: bodies that reach y ≤ 0, and their lowest vertices."""

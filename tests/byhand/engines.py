@@ -224,7 +224,7 @@ def deepest(engine):
     engine.read()
     meshes = engine.meshes
     low, high = np.split(np.array([mesh.bounding_box() for mesh in meshes]), 2, axis=1)
-    near = grid_overlaps(np.concatenate([low, -high], axis=1).T, np.zeros(len(meshes), dtype=bool))
+    near = grid_overlaps(np.concatenate([low, -high], axis=1).T)
     depths = [meshes[a].detect_collision(meshes[b])[1] for a, b in near.T.tolist()]
     return 100 * max(0.0, -low[:, 1].min(), *depths)
 

@@ -7,7 +7,7 @@ import numpy as np
 import oracles
 import pytest
 from engines import throw
-from experiments import HANGING, beads, energy, fall, kinetic, run, top_speed
+from experiments import FREE, HANGING, beads, energy, fall, kinetic, run, top_speed
 from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation, state_of
 from scipy.spatial.transform import Rotation
 
@@ -290,6 +290,15 @@ def test_bodies_in_each_other_part_whatever_the_time_step_was():
     assert top_speed(meshes) < 3.0
     simulate(meshes, 100, state, timeStep=0.002, sleeping=False)
     assert penetrations(meshes).max(initial=0.0) < 0.01
+
+
+def test_without_gravity_what_rests_sleeps_on_while_others_fly():
+    meshes, state, isAsleep = [box_body(1, 1, 1, (3 * i, 0, 0)) for i in range(2)], None, []
+    meshes[1].linVelocity = [0.0, 1.0, 0.0]
+    for _ in range(60):
+        state, report = simulate(meshes, 1, state, **FREE)
+        isAsleep.append(report.isAsleep.tolist())
+    assert isAsleep[30:] == 30 * [[True, False]]
 
 
 @pytest.fixture(scope="module")
