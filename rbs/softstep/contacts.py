@@ -21,6 +21,13 @@ FREQUENCY = 0.165
 # takes longer to come to rest; with less, down to critical, heavy bodies sink through light ones
 # below them.
 DAMPING = 6.0
+# Integrated implicitly over a substep of h, such a spring and damper gives the impulse
+#     λ ← KEPT (λ - m (u + PUSH s/h)),   KEPT = a₂/(1 + a₂),   PUSH = h ω/a₁,
+# where a₁ = 2 DAMPING + h ω, a₂ = h ω a₁ and h ω = 2π FREQUENCY, at a separation s that grows with
+# the speed u, with the effective mass m (Catto: Soft Constraints. Game Developers Conference 2011).
+_ANGLE = 2.0 * math.pi * FREQUENCY
+PUSH = _ANGLE / (2.0 * DAMPING + _ANGLE)
+KEPT = 1.0 - 1.0 / (1.0 + _ANGLE * (2.0 * DAMPING + _ANGLE))
 # Seconds for which bodies must be slow before they fall asleep. More keeps piles awake for longer.
 # Less stops slow motions: with a single step, bodies fall asleep as they begin to slide, and where
 # they are added. In this time, overlapping bodies without weight are pushed apart by their radius.
@@ -73,24 +80,21 @@ class SoftContacts(PlacedManifolds):
         gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.gap, 0.0)
         speed = self.speed[:POINTS]
         self.closing = -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
-        rates = self._fall_rates(motion, bodies.isDriven)
-        rate = take(rates, self.ends).max(axis=0)
         # that gravity and forces add in a step, in m/s
+        rates = self._fall_rates(motion, bodies.isDriven)
         self.fallSpeeds = np.maximum(rates * self.timeStep, self.rounding)
         self.fallSpeed = take(self.fallSpeeds, self.ends).max(axis=0)
         hardest = max(self.fallSpeed.max(initial=0.0), -self.closing.min(initial=0.0))
         self.slow = max(TOLERANCE * hardest, self.rounding)
-        self.rate, self.softness = spring(FREQUENCY, DAMPING, h)
         self.started = self.impulse[:POINTS]
-        # in a step as in the last substep
-        self.carried = self.started * (self.timeStep / h)
-        self.weight = self.system.mass * (rate * h)
+        substeps = self.timeStep / h
+        self.carried = self.started * substeps  # in a step as in the last substep
+        self.weight = self.system.mass * (self.fallSpeed / substeps)
         self.pending, self.total = np.zeros((2, 7, self.count))
-        least = TOLERANCE * self.fallSpeed * h / self.timeStep
-        least = np.maximum(least, max(self.rounding, TINY))
+        least = np.maximum(TOLERANCE * self.fallSpeed / substeps, max(self.rounding, TINY))
         self.system.let_slide(np.where(self._may_slide(), least, 0.0))
         isUneven, loads = self._weighed(inverse[0], motion)
-        self.most = (1.0 - self.softness) * loads * self.weight
+        self.most = (1.0 - KEPT) * loads * self.weight
         # impulses of shorter substeps are a wrong start, which one sweep would leave
         self.isUneven = isUneven | (ratio > 1.0)
         # in every substep, constraints may pull down again what one sweep has stopped
@@ -173,8 +177,8 @@ class SoftContacts(PlacedManifolds):
     def soft_sweep(self, motion):
         """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
-        bias = np.maximum(np.maximum(self.rate * self.separation, self.pushSpeed), approach)
-        softness = np.where(approach > self.rounding, 1.0, self.softness)  # 1 in a gap
+        bias = np.maximum(np.maximum(PUSH * approach, self.pushSpeed), approach)
+        softness = np.where(approach > self.rounding, 1.0, KEPT)
         self.measure(motion)
         self._sweep(bias, softness, self.most)
         self.measure(motion)
@@ -369,20 +373,3 @@ class StillContacts:
         placed = PlacedManifolds(manifolds, Frames(self._bodies), rows)
         impulses = manifolds.impulse * placed.isPoint, manifolds.friction
         return placed.reported(self._substeps * np.concatenate(impulses))
-
-
-def spring(frequency, damping, h):
-    """`(β, s)` of a soft bound, β in 1/s, for substeps of h seconds.
-
-    Let the bound be violated by C, let u be the speed at which C grows, and m the effective mass.
-    It acts as a spring and damper with the angular frequency ω = 2π frequency/h and the damping
-    ratio ζ. Implicit integration over h gives the impulse
-
-        λ ← s (λ - m (u + β C)),   s = a₂/(1 + a₂),   β = ω/a₁,   a₁ = 2 ζ + h ω,   a₂ = h ω a₁
-
-    (Catto: Soft Constraints. Game Developers Conference 2011).
-    """
-    angle = 2.0 * math.pi * frequency  # h ω
-    a1 = 2.0 * damping + angle
-    a2 = angle * a1
-    return angle / (h * a1), a2 / (1.0 + a2)
