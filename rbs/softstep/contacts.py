@@ -11,7 +11,15 @@ from rbs.geometry.vectors import dot, indices, norm, take
 from rbs.softstep.detection import KEEP, Frames
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS, ROUNDING, TINY, UNEVEN, PlacedManifolds
-from rbs.softstep.rows import SWEEPS, TOLERANCE, contact_rows, islands_of, mean_squares, reached
+from rbs.softstep.rows import (
+    SWEEPS,
+    TOLERANCE,
+    PartRows,
+    contact_rows,
+    islands_of,
+    mean_squares,
+    reached,
+)
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
 # stacks bounce, because the impulses of one sweep per substep lag behind: with 0.2, a stack of
@@ -183,7 +191,7 @@ class SoftContacts(PlacedManifolds):
         self._sweep(bias, softness, self.most)
         self.measure(motion)
         unsolved = self._unsolved(motion)
-        self._converge(motion, unsolved, bias, softness, self.most)
+        self._go_on(motion, unsolved, bias, softness, self.most)
         self.separation += self.h * self.speed[:POINTS]
         return unsolved
 
@@ -191,7 +199,7 @@ class SoftContacts(PlacedManifolds):
         """Removes the velocity added by the springs; unsolved : from `soft_sweep`"""
         bias = np.maximum(self.separation, 0.0) / self.h
         self._sweep(bias)
-        self._converge(motion, unsolved, bias)
+        self._go_on(motion, unsolved, bias)
         self.total += self.impulse
         self.system.turn(self.h)
 
@@ -201,9 +209,8 @@ class SoftContacts(PlacedManifolds):
         self.pending = self.impulse - before
 
     def _unsolved(self, motion):
-        """`(manifolds (K,), their `ContactRows` or None)` that one sweep leaves unsolved.
-
-        Those of uneven islands, and all of bodies of which a point sinks faster than `sinkSpeed`.
+        """`ContactRows` of the manifolds that one sweep leaves unsolved, or None: those of uneven
+        islands, and all of bodies of which a point sinks faster than `sinkSpeed`.
         """
         speed = np.maximum(self.separation, 0.0) / self.h + self.speed[:POINTS]
         sinking, isPart = (speed < -self.sinkSpeed).any(axis=0), self.isUneven
@@ -211,23 +218,19 @@ class SoftContacts(PlacedManifolds):
             isSinking = np.zeros(len(motion.invMass), dtype=bool)
             isSinking[self.ends[:, sinking]] = True
             isPart = isPart | (isSinking & (motion.invMass > 0.0))[self.ends].any(axis=0)
-        some = indices(isPart)
-        if len(some) == 0:
-            return some, None
-        part = self.system.of(some, take(self.isPoint, some, 1), motion)
-        part.let_slide(take(self.system.leastSlip, some))
-        return some, part
+        if not isPart.any():
+            return None
+        part = PartRows(self.system, isPart, self.isPoint, motion)
+        part.let_slide(take(self.system.leastSlip, part.some))
+        return part
 
-    def _converge(self, motion, unsolved, bias, *terms):
+    def _go_on(self, motion, unsolved, *terms):
         """Goes on with what is unsolved until its errors are within `tolerance`."""
-        some, part = unsolved
-        if len(some):
+        if unsolved is not None:
             self.apply(motion)
-            given = self.impulse, self.tolerance, bias, *terms
-            given = (take(x, some, -1) for x in given)
-            part.applied[:] = 0.0
-            self.impulse[:, some] = part.converged(motion, *given)
-            self.system.applied[:, some] += part.applied
+            unsolved.applied[:] = 0.0
+            self.impulse = unsolved.converged(motion, self.impulse, self.tolerance, *terms)
+            self.system.applied[:, unsolved.some] += unsolved.applied
             self.measure(motion)
 
     def impact(self, motion, CRCoeff, distances):
@@ -336,12 +339,9 @@ class SoftContacts(PlacedManifolds):
 
         isActive : (4, M), points whose impulses may change
         """
-        some, total = indices(isPart), total.copy()
-        bias, isActive, before = (take(x, some, 1) for x in (bias, isActive, total))
-        tolerance = TOLERANCE * np.maximum(-bias.min(initial=0.0), take(self.fallSpeed, some))
-        part = self.system.of(some, isActive, motion)
-        total[:, some] = part.converged(motion, before, tolerance, bias, sweeps=sweeps)
-        return total
+        tolerance = TOLERANCE * np.maximum(-bias.min(initial=0.0), self.fallSpeed)
+        part = PartRows(self.system, isPart, isActive, motion)
+        return part.converged(motion, total, tolerance, bias, sweeps=sweeps)
 
     def store(self, manifolds, isStill):
         """Returns the manifolds with the values from which the next step starts. What is between

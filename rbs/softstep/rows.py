@@ -69,14 +69,14 @@ class ContactRows:
     leastSlip : (M,), see `let_slide`; sliding : (K,), manifolds whose points slide
     """
 
-    def __init__(self, motion, masses, geometry, turning=None, island=None):
+    def __init__(self, motion, masses, geometry, turning=None):
         """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `weights`
 
-        masses : see `split_masses`; island : (M,), for `converged`
+        masses : see `split_masses`
         turning : (6, 6, M), change of the arms in J in a second; None if they do not turn
         """
         self.ends, self.isPoint, self.J, self.limits, self.levers, self.weights = geometry
-        self.turning, self.island = turning, island
+        self.turning = turning
         axes = len(motion.invMass) * np.arange(6).reshape(2, 1, 3, 1)
         self.places = (self.ends[:, None] + axes).ravel()
         invInertia, moments = masses[1:].reshape(3, 3, 2, -1), self.J[3:]
@@ -118,15 +118,6 @@ class ContactRows:
     def turn(self, seconds):
         """Turns the arms with their bodies."""
         self.J[3:, :6] += seconds * self.turning
-
-    def of(self, some, isActive, motion):
-        """Returns the rows of manifolds `some` (K,) as if there were no others, with their islands;
-        isActive : (4, K), points whose impulses may change.
-        """
-        given = self.ends, self.J, self.limits, self.levers, self.weights
-        ends, *others = (take(x, some, -1) for x in given)
-        masses, island = split_masses(ends, motion.inverse), islands_of(ends, motion.invMass)
-        return ContactRows(motion, masses, (ends, 1.0 * isActive, *others), island=island)
 
     def speeds(self, motion):
         """Speeds (7, M) of the rows; those of the points are > 0 if separating."""
@@ -233,17 +224,38 @@ class ContactRows:
         sliding = np.einsum("ijm,jm->im", resistance(limit), w)
         return np.where(size > 1.0, sliding, impulse[POINTS:])
 
-    def converged(self, motion, impulse, tolerance, *terms, sweeps=SWEEPS):
-        """Applies impulses (7, M) to the bodies by up to `sweeps` sweeps, and returns their sum.
-        Only for rows that `of` has returned.
 
-        impulse : (7, M), before; tolerance : m/s, (M,) or one, error at which they end
-        terms : bias and so on, see `solved`
+class PartRows(ContactRows):
+    """Rows of K of M manifolds, as if there were no others, which are solved until they converge.
+
+    some : (K,), these; island : (K,), theirs
+    """
+
+    def __init__(self, rows, isPart, isActive, motion):
+        """rows : `ContactRows` of all; isPart : (M,)
+
+        isActive : (4, M), points whose impulses may change
+        """
+        self.some = indices(isPart)
+        given = rows.ends, isActive, rows.J, rows.limits, rows.levers, rows.weights
+        ends, isActive, *others = (take(x, self.some, -1) for x in given)
+        self.island = islands_of(ends, motion.invMass)
+        super().__init__(
+            motion, split_masses(ends, motion.inverse), (ends, 1.0 * isActive, *others)
+        )
+
+    def converged(self, motion, impulse, tolerance, *terms, sweeps=SWEEPS):
+        """Applies impulses to the bodies by up to `sweeps` sweeps; returns those (7, M) of all.
+
+        impulse : (7, M), before; tolerance : (M,), m/s, error at which sweeps end
+        terms : (4, M), bias and so on, see `solved`
 
         Each is followed by a step of the nonsmooth nonlinear conjugate gradient method, in each
         island (Silcowitz, Niebe, Erleben: A Nonsmooth Nonlinear Conjugate Gradient Method for
         Interactive Contact Force Problems. The Visual Computer, 2010).
         """
+        result, given = impulse.copy(), (impulse, tolerance, *terms)
+        impulse, tolerance, *terms = (take(x, self.some, -1) for x in given)
         way, before = np.zeros_like(impulse), np.zeros(len(motion.invMass))
         for _ in range(sweeps):
             solved = self.solved(impulse, self.speeds(motion), *terms)
@@ -257,7 +269,8 @@ class ContactRows:
             impulse = solved
             if (np.abs(change[:POINTS]) <= tolerance * self.mass).all():
                 break
-        return impulse
+        result[:, self.some] = impulse
+        return result
 
 
 def contact_rows(placed, bodies, inverse, frames, motion, mu):
