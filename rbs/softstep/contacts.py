@@ -151,7 +151,7 @@ class SoftContacts(PlacedManifolds):
 
     def _may_slide(self):
         """Whether manifolds (M,) may touch, and slip by more than gravity adds, in the step."""
-        isFast = mean_squares(self.system.weights, self.speed[POINTS:]) > self.fallSpeed**2
+        isFast = mean_squares(self.speed[POINTS:], self.system.spread) > self.fallSpeed**2
         isNear = self.separation < self.timeStep * (self.fallSpeed - self.speed[:POINTS])
         return isFast & (isNear & self.isPoint).any(axis=0) & self.system.limits[1].any(axis=0)
 

@@ -57,7 +57,7 @@ class ContactRows:
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
     levers : (4, 4, M), of each point 1, -y, x and x² + y² with its coordinates x along t1 and y
         along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
-    weights : (3, M), 1, 1 and the mean of x² + y² over the points, for `mean_squares`
+    spread : (M,), mean of x² + y² over the points
     applied : (9, M), Jᵀ λ of all impulses so far, each with the arms that it was applied with
     mass : (4, M), of each point alone
     K[k] : (4, M), response of all points' speeds to the impulse of point k, times their masses
@@ -70,12 +70,12 @@ class ContactRows:
     """
 
     def __init__(self, motion, masses, geometry, turning=None):
-        """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `weights`
+        """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `spread`
 
         masses : see `split_masses`
         turning : (6, 6, M), change of the arms in J in a second; None if they do not turn
         """
-        self.ends, self.isPoint, self.J, self.limits, self.levers, self.weights = geometry
+        self.ends, self.isPoint, self.J, self.limits, self.levers, self.spread = geometry
         self.turning = turning
         axes = len(motion.invMass) * np.arange(6).reshape(2, 1, 3, 1)
         self.places = (self.ends[:, None] + axes).ravel()
@@ -112,7 +112,7 @@ class ContactRows:
         their slip counts; in others, it is that of points that stick.
         """
         self.leastSlip, self.sliding = leastSlip, indices(leastSlip)
-        given = leastSlip, self.weights, self.levers, self.limits[0], self.friction
+        given = leastSlip, self.spread, self.levers, self.limits[0], self.friction
         self._ofSliding = [take(x, self.sliding, -1) for x in (*given, self.frictionMass)]
 
     def turn(self, seconds):
@@ -197,7 +197,7 @@ class ContactRows:
         faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size,
         scaled down to the measured slip of all points; that of each would make spins oscillate.
         """
-        leastSlip, weights, levers, limits, response, mass = self._ofSliding
+        leastSlip, spread, levers, limits, response, mass = self._ofSliding
 
         def slip(w):
             """Slip speeds (4, K) of the points; w : (3, K), speeds of the friction rows."""
@@ -214,8 +214,7 @@ class ContactRows:
 
         limit = limits * impulse[:POINTS]
         scaled = np.einsum("ijm,jm->im", response, sticking * (1.0 / np.maximum(size, 1.0) - 1.0))
-        ratio = mean_squares(weights, speed)
-        ratio /= np.maximum(mean_squares(weights, scaled), TINY)
+        ratio = mean_squares(speed, spread) / np.maximum(mean_squares(scaled, spread), TINY)
         estimate = np.maximum(slip(scaled * np.sqrt(np.minimum(ratio, 1.0))), leastSlip)
         total = mass + resistance(limit / estimate)
         cofactors, determinant = triples.adjugate(total.reshape(9, -1))
@@ -237,7 +236,7 @@ class PartRows(ContactRows):
         isActive : (4, M), points whose impulses may change
         """
         self.some = indices(isPart)
-        given = rows.ends, isActive, rows.J, rows.limits, rows.levers, rows.weights
+        given = rows.ends, isActive, rows.J, rows.limits, rows.levers, rows.spread
         ends, isActive, *others = (take(x, self.some, -1) for x in given)
         self.island = islands_of(ends, motion.invMass)
         super().__init__(
@@ -290,8 +289,7 @@ def contact_rows(placed, bodies, inverse, frames, motion, mu):
     x, y = dot(arm, placed.tangent1[:, None]), dot(arm, placed.tangent2[:, None])
     levers = np.array((np.ones_like(x), -y, x, x * x + y * y))
     limits = mu * isPoint * np.sqrt(levers[::3])
-    weights = np.ones((3, placed.count))
-    weights[2] = np.add.reduce(weight * levers[3])
+    spread = np.add.reduce(weight * levers[3])
 
     J, arms = np.zeros((9, 7, placed.count)), np.empty((2, 3, 6, placed.count))
     axes, moments = J[:3], J[3:].reshape(2, 3, 7, -1)
@@ -311,13 +309,14 @@ def contact_rows(placed, bodies, inverse, frames, motion, mu):
         moments[k, :, :6], moments[k, :, 6] = triples.cross(own, axes[:, :6]), sign * n
         change = mat_vec(take(rate, ends[k], 1)[:, None], own)
         turning[k] = triples.cross(change, axes[:, :6])
-    geometry = ends, isPoint, J, limits, levers, weights
+    geometry = ends, isPoint, J, limits, levers, spread
     return ContactRows(motion, masses, geometry, turning.reshape(6, 6, -1))
 
 
-def mean_squares(weights, speed):
+def mean_squares(speed, spread):
     """Mean squares (M,) of the slip of points; speed : (3, M), of the friction rows"""
-    return np.einsum("im,im->m", weights, speed * speed)
+    squares = speed * speed
+    return squares[0] + squares[1] + spread * squares[2]
 
 
 def split_masses(ends, inverse):
