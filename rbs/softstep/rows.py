@@ -291,25 +291,21 @@ def contact_rows(placed, bodies, inverse, frames, motion, mu):
     limits = mu * isPoint * np.sqrt(levers[::3])
     spread = np.add.reduce(weight * levers[3])
 
-    J, arms = np.zeros((9, 7, placed.count)), np.empty((2, 3, 6, placed.count))
-    axes, moments = J[:3], J[3:].reshape(2, 3, 7, -1)
-    np.multiply(n[:, None], isPoint, out=axes[:, :POINTS])
-    axes[:, 4], axes[:, 5] = placed.tangent1, placed.tangent2
     # the centre lies midway between the points of the two bodies, which are `gap` apart
-    centre = middle + 0.5 * np.add.reduce(weight * placed.gap) * n
-    arms[0, :, :POINTS], arms[:, :, POINTS:] = placed.arm, centre[:, None]
-    arms[1, :, :POINTS] = placed.arm + placed.gap * n[:, None]
+    centre = (middle + 0.5 * np.add.reduce(weight * placed.gap) * n)[:, None].repeat(2, axis=1)
+    arms = [np.concatenate((placed.arm, centre), axis=1)]
+    arms.append(np.concatenate((placed.arm + placed.gap * n[:, None], centre), axis=1))
     arms[1] -= (take(frames.position, placed.second, axis=1) - placed.start1)[:, None]
-
-    spin, turning = motion.begin[3:], np.empty_like(arms)
-    rate = np.stack(turn_matrix(motion.timeStep * spin)) - np.eye(3).reshape(9, 1)
-    rate /= motion.timeStep
+    axes = n[:, None] * isPoint, placed.tangent1[:, None], placed.tangent2[:, None]
+    axes, turn = np.concatenate(axes, axis=1), turn_matrix(motion.timeStep * motion.begin[3:])
+    rate = (np.stack(turn) - np.eye(3).reshape(9, 1)) / motion.timeStep
+    J, turning = np.zeros((3, 3, 7, placed.count)), np.empty((2, 3, 6, placed.count))
+    J[0, :, :6] = axes
     for k, sign in enumerate((-1.0, 1.0)):
         own = sign * arms[k]
-        moments[k, :, :6], moments[k, :, 6] = triples.cross(own, axes[:, :6]), sign * n
-        change = mat_vec(take(rate, ends[k], 1)[:, None], own)
-        turning[k] = triples.cross(change, axes[:, :6])
-    geometry = ends, isPoint, J, limits, levers, spread
+        J[k + 1, :, :6], J[k + 1, :, 6] = triples.cross(own, axes), sign * n
+        turning[k] = triples.cross(mat_vec(take(rate, ends[k], 1)[:, None], own), axes)
+    geometry = ends, isPoint, J.reshape(9, 7, -1), limits, levers, spread
     return ContactRows(motion, masses, geometry, turning.reshape(6, 6, -1))
 
 
