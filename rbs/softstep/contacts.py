@@ -58,9 +58,20 @@ def push_speeds(motion, radius):
 class SoftContacts(PlacedManifolds):
     """Impulses of a step on the `ContactRows` of the manifolds that have a movable body.
 
+    Speeds are in m/s, impulses in mass · m/s.
+
+    system : their `ContactRows`; ends : (2, M), columns of `Motion`; others : manifolds without one
     impulse, total : (7, M), in the last substep, and in all of them; pending : not applied yet
-    separation : (4, M); speed : (7, M), of the rows when last measured
+    started, carried : (4, M), with which normal impulses a substep starts; the first, in a step
+    separation : (4, M), m; speed : (7, M), of the rows when last measured
     closing : (4, M), normal speeds at which points meet after free flight has closed their gaps
+    fallSpeeds, fallSpeed : (m + 1,), (M,), that gravity and forces add to bodies in a step, and the
+        greater one of the two; weight : (4, M), impulses that stop it in a substep
+    rounding, slow : speeds that count as rounding, and as none in a blow
+    pushSpeed : (M,), < 0, with which points are pushed out at most
+    most : (4, M), by which springs lower impulses at most, as they yield
+    isUneven, tolerance : (M,), what is always solved until it converges, and the error where all
+        such sweeps end; sinkSpeed : (M,), beyond which more than one sweep is needed
     """
 
     def __init__(self, manifolds, frames, motion, mu, h, ratio):
@@ -83,20 +94,13 @@ class SoftContacts(PlacedManifolds):
         self.system.turn(0.5 * h)  # arms are those in the middle of the next substep
         self.speed = self.system.speeds(motion)
         self.rounding = ROUNDING * np.abs(self.speed[:6]).max(initial=0.0)
-        # u² = u₀² - 2 a s, with the relative acceleration a along the normal
-        gravity = np.subtract(*take(motion.gravity, self.ends[::-1], axis=1).swapaxes(0, 1))
-        gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.gap, 0.0)
-        speed = self.speed[:POINTS]
-        self.closing = -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
-        # that gravity and forces add in a step, in m/s
-        rates = self._fall_rates(motion, bodies.isDriven)
-        self.fallSpeeds = np.maximum(rates * self.timeStep, self.rounding)
+        self.closing = self._closing_speeds(motion)
+        self.fallSpeeds = self._fall_speeds(motion, bodies.isDriven)
         self.fallSpeed = take(self.fallSpeeds, self.ends).max(axis=0)
         hardest = max(self.fallSpeed.max(initial=0.0), -self.closing.min(initial=0.0))
         self.slow = max(TOLERANCE * hardest, self.rounding)
-        self.started = self.impulse[:POINTS]
-        substeps = self.timeStep / h
-        self.carried = self.started * substeps  # in a step as in the last substep
+        self.started, substeps = self.impulse[:POINTS], self.timeStep / h
+        self.carried = self.started * substeps
         self.weight = self.system.mass * (self.fallSpeed / substeps)
         self.pending, self.total = np.zeros((2, 7, self.count))
         least = np.maximum(TOLERANCE * self.fallSpeed / substeps, max(self.rounding, TINY))
@@ -106,15 +110,19 @@ class SoftContacts(PlacedManifolds):
         # impulses of shorter substeps are a wrong start, which one sweep would leave
         self.isUneven = isUneven | (ratio > 1.0)
         # in every substep, constraints may pull down again what one sweep has stopped
-        isTied = frames.tiedReach > 0.0
-        isTied = isTied[self.first] | isTied[self.second]
+        isTied = (take(frames.tiedReach, ends[:, self.rows]) > 0.0).any(axis=0)
         self.sinkSpeed = np.where(isTied, self.fallSpeed, KEEP * size / h)
-        # error at which sweeps over what one has left unsolved end, in m/s
         self.tolerance = np.where(self.isUneven, TOLERANCE * self.fallSpeed, self.sinkSpeed)
 
-    def _fall_rates(self, motion, isDriven):
-        """Accelerations (m + 1,) that press bodies together: the greatest, by gravity and forces,
-        of those in contact. A field of forces is gravity.
+    def _closing_speeds(self, motion):
+        """`closing`: u² = u₀² - 2 a s, with the relative acceleration a along the normal."""
+        gravity = np.subtract(*take(motion.gravity, self.ends[::-1], axis=1).swapaxes(0, 1))
+        gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.gap, 0.0)
+        speed = self.speed[:POINTS]
+        return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
+
+    def _fall_speeds(self, motion, isDriven):
+        """`fallSpeeds`: the greatest of all bodies in contact. A field of forces is gravity.
 
         isDriven : (n,)
         """
@@ -123,7 +131,7 @@ class SoftContacts(PlacedManifolds):
             island = islands(self.ends, motion.invMass[:-1] > 0.0)
             np.maximum.at(rates, island, norm(motion.gravity[:, :-1]))
             rates[:-1] = rates[island]
-        return rates
+        return np.maximum(rates * self.timeStep, self.rounding)
 
     def _weighed(self, invMass, motion):
         """`(isUneven (M,), loads (M,))`: whether manifolds are in islands in which bodies of UNEVEN
@@ -242,15 +250,17 @@ class SoftContacts(PlacedManifolds):
         """
         fall = np.abs(dot(self.normal[:, None], take(motion.gravity, self.ends, axis=1)))
         fall = self.timeStep * fall.max(axis=0)
-        isStruck = self.closing < -np.maximum(fall, self.slow)
-        isStruck &= self.total[:POINTS] > 0.0
+        isPressed, isNear = self.total[:POINTS] > 0.0, self.separation < self.h * self.fallSpeed
+        isStruck = isPressed & (self.closing < -np.maximum(fall, self.slow))
         if isStruck.any():
+            # gaps count that the speed which gravity adds in a step would close in a substep
+            isTouching = isPressed | (self.isPoint & isNear)
             before, total, isPart = motion.velocity.copy(), self.total, isStruck.any(axis=0)
             if CRCoeff < 1.0:
-                self.total, isPart = self._plastic(motion, isStruck)
+                self.total, isPart = self._plastic(motion, isStruck, isPressed, isTouching)
             if CRCoeff > 0.0:
                 velocity, motion.velocity[:] = motion.velocity.copy(), before
-                elastic = self._elastic(motion, total, isStruck, CRCoeff)
+                elastic = self._elastic(motion, total, isStruck, isTouching, CRCoeff)
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 self.total = self.total + CRCoeff * (elastic - self.total)
             # what blows add more across gravity than along it is no load, and would be repeated in
@@ -266,25 +276,23 @@ class SoftContacts(PlacedManifolds):
         share = bounded_share(motion, *given, *distances.unmet(motion))
         self.total *= take(share, self.ends.min(axis=0))
 
-    def _plastic(self, motion, isStruck):
+    def _plastic(self, motion, isStruck, isPressed, isTouching):
         """Solves blows that do not bounce: no point of a struck body separates that was pressed.
-        Returns the total impulses, and which manifolds (M,) take part.
+        Returns the total impulses, and which manifolds (M,) take part. Masks are (4, M).
 
         All manifolds of struck bodies take part: others are what they are pressed against. Those
         count as struck, too, that the blow makes faster than gravity does in a substep. Points that
         were pressed and open without a blow keep what they have carried, as corners that a body
         rolls off.
         """
-        isPressed = self.total[:POINTS] > 0.0
         inverse, speed = take(motion.invMass, self.ends), np.zeros(len(motion.invMass))
         blow = np.where(isStruck, -self.closing, 0.0).max(axis=0)
         change = inverse / np.add.reduce(inverse) * blow
         np.maximum.at(speed, self.ends.ravel(), change.ravel())
         mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
-        isTouching = self._touching(self.total).any(axis=0)
-        touching, least = indices(isTouching), self.fallSpeeds * self.h / self.timeStep
-        isHit = reached(speed > 0.0, speed, mass, take(self.ends, touching, 1), least)
-        isPart = isHit[self.ends].any(axis=0) & isTouching
+        isPart, least = isTouching.any(axis=0), self.fallSpeeds * self.h / self.timeStep
+        isHit = reached(speed > 0.0, speed, mass, self.ends[:, isPart], least)
+        isPart &= isHit[self.ends].any(axis=0)
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
         hasLeft = isPressed & isOpening & ~isStruck & (self.total[:POINTS] <= self.carried)
@@ -292,24 +300,15 @@ class SoftContacts(PlacedManifolds):
         solved = self._solved(motion, self.total, isPart & isActive.any(axis=0), bias, isActive)
         return solved, isPart
 
-    def _touching(self, total):
-        """Points (4, M) that have received an impulse, or are so near that the speed which gravity
-        adds in a step would close the gap in a substep.
-        """
-        isNear = self.separation < self.h * self.fallSpeed
-        return (total[:POINTS] > 0.0) | (self.isPoint & isNear)
-
-    def _elastic(self, motion, total, bounces, CRCoeff):
+    def _elastic(self, motion, total, bounces, isTouching, CRCoeff):
         """Returns total impulses with which points separate as fast as they closed, then the points
         that this makes close, and so on, as in a row of balls.
 
         First, other manifolds of their islands lose the blows of the substeps. Points that still
         close after the last round bounce in the next step. Slow ones do not count, as only the part
-        CRCoeff of all this reaches the bodies.
+        CRCoeff of all this reaches the bodies. Masks are (4, M).
         """
         load, carried = np.add.reduce(total[:POINTS]), np.add.reduce(self.carried)
-        isTouching = self._touching(total)
-        isPressed = self.isPoint & isTouching.any(axis=0)
         island = islands_of(self.ends, motion.invMass)
         isBlow = np.isin(island, island[bounces.any(axis=0)])
         isBlow &= load - carried > self.fallSpeed * np.add.reduce(self.system.mass)
@@ -328,8 +327,8 @@ class SoftContacts(PlacedManifolds):
             given = bounces.any(axis=0), np.where(bounces, closing, 0.0), isActive
             total = self._solved(motion, total, *given, sweeps)
             closing = self.system.speeds(motion)[:POINTS]
-            isMet = isPressed & (self.separation < -self.timeStep * closing)
-            bounces = isMet & (CRCoeff * closing < -self.fallSpeed)
+            isMet = self.isPoint & (self.separation < -self.timeStep * closing)
+            bounces = isMet & (CRCoeff * closing < -self.fallSpeed) & isTouching.any(axis=0)
             if not bounces.any():
                 break
         return total
