@@ -265,10 +265,9 @@ class SoftContacts(PlacedManifolds):
                 self.total = self.total + CRCoeff * (elastic - self.total)
             # what blows add more across gravity than along it is no load, and would be repeated in
             # the next step; along it, heavy bodies that fall would press light ones into the ground
-            some = indices(isPart & (2.0 * fall**2 <= self.fallSpeed**2))
+            isLevel = isPart & (2.0 * fall**2 <= self.fallSpeed**2)
             loads = self.carried * (self.h / self.timeStep), self.weight * (fall / self.fallSpeed)
-            begun = self._grown(*loads)
-            self.impulse[:, some] = take(begun, some, 1)
+            np.copyto(self.impulse, self._grown(*loads), where=isLevel)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         some = indices(self.total.any(axis=0))
         smooth = self.normal * ~self.total[POINTS:].any(axis=0)

@@ -150,45 +150,55 @@ class ContactRows:
         the point visited first takes most of a blow, and a box that lands flat tilts. In the soft
         sweep, sliding manifolds keep their friction, which would exceed the limit of the points.
         """
-        impulse, isSoft, error = before.copy(), softness is not None, speed[:POINTS] + bias
-        left = before[:POINTS] - self.mass * error
-        if not isSoft:
+        isSoft, (normal, friction) = softness is not None, np.split(before, (POINTS,))
+        pressed = self._pressed(normal, speed[:POINTS] + bias, softness, most)
+        change = np.concatenate((pressed - normal, speed[POINTS:]))
+        sticking = friction - np.einsum("irm,rm->im", self.slip, change)
+        if isSoft:
+            np.copyto(sticking, friction, where=self.leastSlip > 0.0)
+        friction, size = self._limited(pressed, sticking)
+        if not isSoft and len(self.sliding):
+            given = pressed, friction, sticking, size, speed[POINTS:]
+            given = (take(x, self.sliding, -1) for x in given)
+            friction[:, self.sliding] = self._sliding(*given)
+        return np.concatenate((pressed, friction))
+
+    def _pressed(self, before, error, softness, most):
+        """Normal impulses (4, M); error : (4, M), u + bias"""
+        impulse, left = before.copy(), before - self.mass * error
+        if softness is None:
             common = self.isPoint * np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
             left += self.mutual * common
-            impulse[:POINTS] += common
+            impulse += common
         for k in range(POINTS):
             wanted = left[k]
-            if isSoft:
+            if softness is not None:
                 wanted = np.maximum(softness[k] * wanted, wanted - most[k])
             wanted = np.maximum(wanted, 0.0)
             more = wanted - impulse[k]
             impulse[k] = wanted
             left[k + 1 :] -= self.K[k, k + 1 :] * more  # points that are still to be visited
-        change = np.concatenate((impulse[:POINTS] - before[:POINTS], speed[POINTS:]))
-        friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
-        # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
-        limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
-        if isSoft:
-            np.copyto(friction, before[POINTS:], where=self.leastSlip > 0.0)
-        size = friction * friction
-        size[0] += size[1]
-        size = np.sqrt(size[::2])
-        share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
-        impulse[4:6], impulse[6] = friction[:2] * share, friction[2] * twistShare
-        if not isSoft and len(self.sliding):
-            # some points slide if, about, (S/L)² + (T/M)² > 1 for the friction S and the twist T,
-            # with the limits L of S alone and M of T alone
-            size /= np.maximum(limit, TINY)
-            size = np.sqrt(np.add.reduce(size * size))
-            given = impulse, friction, size, speed[POINTS:]
-            given = (take(x, self.sliding, -1) for x in given)
-            impulse[POINTS:, self.sliding] = self._sliding(*given)
         return impulse
 
-    def _sliding(self, impulse, sticking, size, speed):
+    def _limited(self, pressed, sticking):
+        """`(friction (3, M), size (M,))`: what would make manifolds stick, up to Coulomb's limits:
+        μ Σ λ, and for the twist, that times its lever arm.
+
+        size : √((S/L)² + (T/M)²) for the friction S and the twist T, with the limits L of S alone
+            and M of T alone; some points slide if, about, it is > 1
+        """
+        limit = np.einsum("ikm,km->im", self.limits, pressed)
+        size = sticking * sticking
+        size[0] += size[1]
+        size = np.sqrt(size[::2])
+        share = limit / np.maximum(np.maximum(size, limit), TINY)
+        size /= np.maximum(limit, TINY)
+        return sticking * share[[0, 0, 1]], np.sqrt(np.add.reduce(size * size))
+
+    def _sliding(self, pressed, friction, sticking, size, speed):
         """Friction (3, K) of the manifolds whose points slide, each point's against its slip.
 
-        impulse : (7, K); speed : (3, K)
+        pressed : (4, K); friction : (3, K), of points that stick; speed : (3, K)
         sticking : (3, K), f*, impulses that would stop the slip w = A (f - f*) of the rows
         size : (K,), about what f* is to be divided by to reach the limit
 
@@ -212,7 +222,7 @@ class ContactRows:
             zero = np.zeros_like(one)
             return np.array(((one, zero, y), (zero, one, x), (y, x, square)))
 
-        limit = limits * impulse[:POINTS]
+        limit = limits * pressed
         scaled = np.einsum("ijm,jm->im", response, sticking * (1.0 / np.maximum(size, 1.0) - 1.0))
         ratio = mean_squares(speed, spread) / np.maximum(mean_squares(scaled, spread), TINY)
         estimate = np.maximum(slip(scaled * np.sqrt(np.minimum(ratio, 1.0))), leastSlip)
@@ -221,7 +231,7 @@ class ContactRows:
         w = np.stack(triples.mat_vec(cofactors, sticking)) / determinant
         limit /= np.maximum(estimate, slip(w))
         sliding = np.einsum("ijm,jm->im", resistance(limit), w)
-        return np.where(size > 1.0, sliding, impulse[POINTS:])
+        return np.where(size > 1.0, sliding, friction)
 
 
 class PartRows(ContactRows):
