@@ -11,15 +11,7 @@ from rbs.geometry.vectors import dot, indices, norm, take
 from rbs.softstep.detection import KEEP, Frames
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS, ROUNDING, TINY, UNEVEN, PlacedManifolds
-from rbs.softstep.rows import (
-    SWEEPS,
-    TOLERANCE,
-    PartRows,
-    contact_rows,
-    islands_of,
-    mean_squares,
-    reached,
-)
+from rbs.softstep.rows import SWEEPS, TOLERANCE, PartRows, contact_rows, islands_of, reached
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
 # stacks bounce, because the impulses of one sweep per substep lag behind: with 0.2, a stack of
@@ -158,8 +150,12 @@ class SoftContacts(PlacedManifolds):
         return isUneven, 0.5 * UNEVEN * np.maximum(UNEVEN * heaviest / lighter, 1.0) ** 2
 
     def _may_slide(self):
-        """Whether manifolds (M,) may touch, and slip by more than gravity adds, in the step."""
-        isFast = mean_squares(self.speed[POINTS:], self.system.spread) > self.fallSpeed**2
+        """Whether manifolds (M,) may touch in the step, and have more than one point, and one that
+        may slip by more than gravity adds.
+        """
+        radius = (self.isPoint * self.system.levers[3]).max(axis=0)  # squared
+        along, across, spin = self.speed[POINTS:] ** 2
+        isFast = along + across + radius * spin > self.fallSpeed**2
         isNear = self.separation < self.timeStep * (self.fallSpeed - self.speed[:POINTS])
         return isFast & (isNear & self.isPoint).any(axis=0) & self.system.limits[1].any(axis=0)
 

@@ -57,7 +57,6 @@ class ContactRows:
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
     levers : (4, 4, M), of each point 1, -y, x and x² + y² with its coordinates x along t1 and y
         along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
-    spread : (M,), mean of x² + y² over the points
     applied : (9, M), Jᵀ λ of all impulses so far, each with the arms that it was applied with
     mass : (4, M), of each point alone
     K[k] : (4, M), response of all points' speeds to the impulse of point k, times their masses
@@ -70,12 +69,12 @@ class ContactRows:
     """
 
     def __init__(self, motion, masses, geometry, turning=None):
-        """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `spread`
+        """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`
 
         masses : see `split_masses`
         turning : (6, 6, M), change of the arms in J in a second; None if they do not turn
         """
-        self.ends, self.isPoint, self.J, self.limits, self.levers, self.spread = geometry
+        self.ends, self.isPoint, self.J, self.limits, self.levers = geometry
         self.turning = turning
         axes = len(motion.invMass) * np.arange(6).reshape(2, 1, 3, 1)
         self.places = (self.ends[:, None] + axes).ravel()
@@ -112,7 +111,7 @@ class ContactRows:
         their slip counts; in others, it is that of points that stick.
         """
         self.leastSlip, self.sliding = leastSlip, indices(leastSlip)
-        given = leastSlip, self.spread, self.levers, self.limits[0], self.friction
+        given = leastSlip, self.levers, self.limits[0], self.friction
         self._ofSliding = [take(x, self.sliding, -1) for x in (*given, self.frictionMass)]
 
     def turn(self, seconds):
@@ -158,8 +157,7 @@ class ContactRows:
             np.copyto(sticking, friction, where=self.leastSlip > 0.0)
         friction, size = self._limited(pressed, sticking)
         if not isSoft and len(self.sliding):
-            given = pressed, friction, sticking, size, speed[POINTS:]
-            given = (take(x, self.sliding, -1) for x in given)
+            given = (take(x, self.sliding, -1) for x in (pressed, friction, sticking, size))
             friction[:, self.sliding] = self._sliding(*given)
         return np.concatenate((pressed, friction))
 
@@ -195,19 +193,19 @@ class ContactRows:
         size /= np.maximum(limit, TINY)
         return sticking * share[[0, 0, 1]], np.sqrt(np.add.reduce(size * size))
 
-    def _sliding(self, pressed, friction, sticking, size, speed):
+    def _sliding(self, pressed, friction, sticking, size):
         """Friction (3, K) of the manifolds whose points slide, each point's against its slip.
 
-        pressed : (4, K); friction : (3, K), of points that stick; speed : (3, K)
+        pressed : (4, K); friction : (3, K), of points that stick
         sticking : (3, K), f*, impulses that would stop the slip w = A (f - f*) of the rows
         size : (K,), about what f* is to be divided by to reach the limit
 
         A point that slips by u = B w receives f = -μ λ u/|u|. With c = μ λ/|u| for an estimate of
         |u| and C = Σ Bᵀ c B, f = -C w, and thus -w = (A⁻¹ + C)⁻¹ f*. A point that would then slip
-        faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size,
-        scaled down to the measured slip of all points; that of each would make spins oscillate.
+        faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size;
+        the measured slip of each point would make spins oscillate.
         """
-        leastSlip, spread, levers, limits, response, mass = self._ofSliding
+        leastSlip, levers, limits, response, mass = self._ofSliding
 
         def slip(w):
             """Slip speeds (4, K) of the points; w : (3, K), speeds of the friction rows."""
@@ -224,8 +222,7 @@ class ContactRows:
 
         limit = limits * pressed
         scaled = np.einsum("ijm,jm->im", response, sticking * (1.0 / np.maximum(size, 1.0) - 1.0))
-        ratio = mean_squares(speed, spread) / np.maximum(mean_squares(scaled, spread), TINY)
-        estimate = np.maximum(slip(scaled * np.sqrt(np.minimum(ratio, 1.0))), leastSlip)
+        estimate = np.maximum(slip(scaled), leastSlip)
         total = mass + resistance(limit / estimate)
         cofactors, determinant = triples.adjugate(total.reshape(9, -1))
         w = np.stack(triples.mat_vec(cofactors, sticking)) / determinant
@@ -246,7 +243,7 @@ class PartRows(ContactRows):
         isActive : (4, M), points whose impulses may change
         """
         self.some = indices(isPart)
-        given = rows.ends, isActive, rows.J, rows.limits, rows.levers, rows.spread
+        given = rows.ends, isActive, rows.J, rows.limits, rows.levers
         ends, isActive, *others = (take(x, self.some, -1) for x in given)
         self.island = islands_of(ends, motion.invMass)
         super().__init__(
@@ -299,7 +296,6 @@ def contact_rows(placed, bodies, inverse, frames, motion, mu):
     x, y = dot(arm, placed.tangent1[:, None]), dot(arm, placed.tangent2[:, None])
     levers = np.array((np.ones_like(x), -y, x, x * x + y * y))
     limits = mu * isPoint * np.sqrt(levers[::3])
-    spread = np.add.reduce(weight * levers[3])
 
     # the centre lies midway between the points of the two bodies, which are `gap` apart
     centre = (middle + 0.5 * np.add.reduce(weight * placed.gap) * n)[:, None].repeat(2, axis=1)
@@ -315,14 +311,8 @@ def contact_rows(placed, bodies, inverse, frames, motion, mu):
         own = sign * arms[k]
         J[k + 1, :, :6], J[k + 1, :, 6] = triples.cross(own, axes), sign * n
         turning[k] = triples.cross(mat_vec(take(rate, ends[k], 1)[:, None], own), axes)
-    geometry = ends, isPoint, J.reshape(9, 7, -1), limits, levers, spread
+    geometry = ends, isPoint, J.reshape(9, 7, -1), limits, levers
     return ContactRows(motion, masses, geometry, turning.reshape(6, 6, -1))
-
-
-def mean_squares(speed, spread):
-    """Mean squares (M,) of the slip of points; speed : (3, M), of the friction rows"""
-    squares = speed * speed
-    return squares[0] + squares[1] + spread * squares[2]
 
 
 def split_masses(ends, inverse):
