@@ -111,7 +111,7 @@ class ContactRows:
         their slip counts; in others, it is that of points that stick.
         """
         self.leastSlip, self.sliding = leastSlip, indices(leastSlip)
-        given = leastSlip, self.levers, self.limits[0], self.friction
+        given = leastSlip, self.levers, self.limits, self.friction
         self._ofSliding = [take(x, self.sliding, -1) for x in (*given, self.frictionMass)]
 
     def turn(self, seconds):
@@ -149,15 +149,17 @@ class ContactRows:
         the point visited first takes most of a blow, and a box that lands flat tilts. In the soft
         sweep, sliding manifolds keep their friction, which would exceed the limit of the points.
         """
-        isSoft, (normal, friction) = softness is not None, np.split(before, (POINTS,))
+        isSoft, normal, friction = softness is not None, before[:POINTS], before[POINTS:]
         pressed = self._pressed(normal, speed[:POINTS] + bias, softness, most)
         change = np.concatenate((pressed - normal, speed[POINTS:]))
         sticking = friction - np.einsum("irm,rm->im", self.slip, change)
         if isSoft:
             np.copyto(sticking, friction, where=self.leastSlip > 0.0)
-        friction, size = self._limited(pressed, sticking)
+        limit, size = coulomb_limits(self.limits, pressed, sticking)
+        share = limit / np.maximum(np.maximum(size, limit), TINY)
+        friction = sticking * take(share, (0, 0, 1), axis=0)
         if not isSoft and len(self.sliding):
-            given = (take(x, self.sliding, -1) for x in (pressed, friction, sticking, size))
+            given = (take(x, self.sliding, -1) for x in (pressed, friction, sticking))
             friction[:, self.sliding] = self._sliding(*given)
         return np.concatenate((pressed, friction))
 
@@ -178,27 +180,14 @@ class ContactRows:
             left[k + 1 :] -= self.K[k, k + 1 :] * more  # points that are still to be visited
         return impulse
 
-    def _limited(self, pressed, sticking):
-        """`(friction (3, M), size (M,))`: what would make manifolds stick, up to Coulomb's limits:
-        μ Σ λ, and for the twist, that times its lever arm.
-
-        size : √((S/L)² + (T/M)²) for the friction S and the twist T, with the limits L of S alone
-            and M of T alone; some points slide if, about, it is > 1
-        """
-        limit = np.einsum("ikm,km->im", self.limits, pressed)
-        size = sticking * sticking
-        size[0] += size[1]
-        size = np.sqrt(size[::2])
-        share = limit / np.maximum(np.maximum(size, limit), TINY)
-        size /= np.maximum(limit, TINY)
-        return sticking * share[[0, 0, 1]], np.sqrt(np.add.reduce(size * size))
-
-    def _sliding(self, pressed, friction, sticking, size):
+    def _sliding(self, pressed, friction, sticking):
         """Friction (3, K) of the manifolds whose points slide, each point's against its slip.
 
         pressed : (4, K); friction : (3, K), of points that stick
         sticking : (3, K), f*, impulses that would stop the slip w = A (f - f*) of the rows
-        size : (K,), about what f* is to be divided by to reach the limit
+
+        Some slide if, about, (S/L)² + (T/M)² > 1 for the friction S and the twist T of f*, with the
+        limits L of S alone and M of T alone: f* is to be divided by the root, `size`.
 
         A point that slips by u = B w receives f = -μ λ u/|u|. With c = μ λ/|u| for an estimate of
         |u| and C = Σ Bᵀ c B, f = -C w, and thus -w = (A⁻¹ + C)⁻¹ f*. A point that would then slip
@@ -220,7 +209,9 @@ class ContactRows:
             zero = np.zeros_like(one)
             return np.array(((one, zero, y), (zero, one, x), (y, x, square)))
 
-        limit = limits * pressed
+        limit, size = coulomb_limits(limits, pressed, sticking)
+        size /= np.maximum(limit, TINY)
+        size, limit = np.sqrt(np.add.reduce(size * size)), limits[0] * pressed
         scaled = np.einsum("ijm,jm->im", response, sticking * (1.0 / np.maximum(size, 1.0) - 1.0))
         estimate = np.maximum(slip(scaled), leastSlip)
         total = mass + resistance(limit / estimate)
@@ -313,6 +304,15 @@ def contact_rows(placed, bodies, inverse, frames, motion, mu):
         turning[k] = triples.cross(mat_vec(take(rate, ends[k], 1)[:, None], own), axes)
     geometry = ends, isPoint, J.reshape(9, 7, -1), limits, levers
     return ContactRows(motion, masses, geometry, turning.reshape(6, 6, -1))
+
+
+def coulomb_limits(limits, pressed, friction):
+    """`(limit, size)`, (2, M) each, of friction (3, M) and its twist: at most μ Σ λ, and that times
+    the lever arm. limits : see `ContactRows`; pressed : (4, M), λ
+    """
+    size = friction * friction
+    size[0] += size[1]
+    return np.einsum("ikm,km->im", limits, pressed), np.sqrt(size[::2])
 
 
 def split_masses(ends, inverse):
