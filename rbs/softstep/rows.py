@@ -62,9 +62,9 @@ class ContactRows:
     K[k] : (4, M), response of all points' speeds to the impulse of point k, times their masses
     shared : (4, M), minus the mass of all points together; mutual : (4, M), response of the
         other points' speeds to a unit impulse at each of them, times minus the point's mass
-    friction, frictionMass : (3, 3, M), A and A⁻¹ of the friction rows alone
+    friction : (3, 3, M), A of the friction rows alone
     slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
-        impulses and the present speeds make them slip
+        impulses and the present speeds make them slip; for the latter, A⁻¹ of `friction`
     leastSlip : (M,), see `let_slide`; sliding : (K,), manifolds whose points slide
     """
 
@@ -77,9 +77,29 @@ class ContactRows:
         self.ends, self.isPoint, self.J, self.limits, self.levers = geometry
         self.turning = turning
         axes = len(motion.invMass) * np.arange(6).reshape(2, 1, 3, 1)
-        self.places = (self.ends[:, None] + axes).ravel()
+        self.places, self.applied = (
+            (self.ends[:, None] + axes).ravel(),
+            np.zeros(self.J[:, 0].shape),
+        )
+        isPoint, A = self.isPoint, self._responses(masses)
+        normal, diagonal = A[:POINTS, :POINTS], A.diagonal().T[:POINTS]
+        self.mass = isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
+        self.K = self.mass * normal
+        total = np.einsum("jm,jkm,km->m", isPoint, normal, isPoint)
+        self.shared = isPoint / -np.where(total > 0.0, total, 1.0)
+        self.mutual = isPoint - np.einsum("jm,jkm->km", isPoint, self.K)
+        self.friction, isSpun = A[POINTS:, POINTS:], self.limits[1].any(axis=0)
+        self.friction[(0, 1, 2, 2), (2, 2, 0, 1)] *= isSpun  # a single point resists no spin
+        mass = inverted(self.friction)
+        ofNormals = np.einsum("ikm,kjm->ijm", mass, A[POINTS:, :POINTS])
+        self.slip = np.concatenate((ofNormals, mass), axis=1)
+        self.slip[2] *= isSpun
+        self.let_slide(np.zeros(len(total)))
+
+    def _responses(self, masses):
+        """A (7, 7, M), symmetric; masses : see `split_masses`"""
         invInertia, moments = masses[1:].reshape(3, 3, 2, -1), self.J[3:]
-        angular, A = np.empty_like(moments), np.empty((7, 7, len(self.ends[0])))
+        angular, A = np.empty_like(moments), np.empty((7, 7, len(moments[0, 0])))
         for k in range(6):  # three times as fast as all in one sum
             end, i = divmod(k, 3)
             own = moments[3 * end : 3 * end + 3]
@@ -89,30 +109,15 @@ class ContactRows:
             A[row, :row] = A[:row, row]
         for row in (slice(0, POINTS), 4, 5):
             A[row, row] += masses[0].sum(axis=0)
-        self.applied, isPoint = np.zeros((9, len(A[0, 0]))), self.isPoint
-        normal, diagonal = A[:POINTS, :POINTS], A.diagonal().T[:POINTS]
-        self.mass = isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
-        self.K = self.mass * normal
-        total = np.einsum("jm,jkm,km->m", isPoint, normal, isPoint)
-        self.shared = isPoint / -np.where(total > 0.0, total, 1.0)
-        self.mutual = isPoint - np.einsum("jm,jkm->km", isPoint, self.K)
-        self.friction = A[POINTS:, POINTS:]  # symmetric
-        isSpun = self.limits[1].any(axis=0)  # a single point resists no spin
-        self.friction[2, :2] *= isSpun
-        self.friction[:2, 2] *= isSpun
-        self.frictionMass = inverted(self.friction)
-        ofNormals = np.einsum("ikm,kjm->ijm", self.frictionMass, A[POINTS:, :POINTS])
-        self.slip = np.concatenate((ofNormals, self.frictionMass), axis=1)
-        self.slip[2] *= isSpun
-        self.let_slide(np.zeros(len(total)))
+        return A
 
     def let_slide(self, leastSlip):
         """Lets friction act at the points of the manifolds with a leastSlip (M,) > 0, m/s, to which
         their slip counts; in others, it is that of points that stick.
         """
         self.leastSlip, self.sliding = leastSlip, indices(leastSlip)
-        given = leastSlip, self.levers, self.limits, self.friction
-        self._ofSliding = [take(x, self.sliding, -1) for x in (*given, self.frictionMass)]
+        given = leastSlip, self.levers, self.limits, self.friction, self.slip[:, POINTS:]
+        self._ofSliding = [take(x, self.sliding, -1) for x in given]
 
     def turn(self, seconds):
         """Turns the arms with their bodies."""
