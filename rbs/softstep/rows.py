@@ -219,9 +219,8 @@ class ContactRows:
         size, limit = np.sqrt(np.add.reduce(size * size)), limits[0] * pressed
         scaled = np.einsum("ijm,jm->im", response, sticking * (1.0 / np.maximum(size, 1.0) - 1.0))
         estimate = np.maximum(slip(scaled), leastSlip)
-        total = mass + resistance(limit / estimate)
-        cofactors, determinant = triples.adjugate(total.reshape(9, -1))
-        w = np.stack(triples.mat_vec(cofactors, sticking)) / determinant
+        mass = inverted(mass + resistance(limit / estimate))
+        w = np.einsum("ijm,jm->im", mass, sticking)
         limit /= np.maximum(estimate, slip(w))
         sliding = np.einsum("ijm,jm->im", resistance(limit), w)
         return np.where(size > 1.0, sliding, friction)
@@ -238,13 +237,11 @@ class PartRows(ContactRows):
 
         isActive : (4, M), points whose impulses may change
         """
-        self.some = indices(isPart)
-        given = rows.ends, isActive, rows.J, rows.limits, rows.levers
+        self.some, given = indices(isPart), (rows.ends, isActive, rows.J, rows.limits, rows.levers)
         ends, isActive, *others = (take(x, self.some, -1) for x in given)
         self.island = islands_of(ends, motion.invMass)
-        super().__init__(
-            motion, split_masses(ends, motion.inverse), (ends, 1.0 * isActive, *others)
-        )
+        masses = split_masses(ends, motion.inverse)
+        super().__init__(motion, masses, (ends, 1.0 * isActive, *others))
 
     def converged(self, motion, impulse, tolerance, *terms, sweeps=SWEEPS):
         """Applies impulses to the bodies by up to `sweeps` sweeps; returns those (7, M) of all.
