@@ -22,12 +22,12 @@ FREQUENCY = 0.165
 # below them.
 DAMPING = 6.0
 # Integrated implicitly over a substep of h, such a spring and damper gives the impulse
-#     λ ← KEPT (λ - m (u + PUSH s/h)),   KEPT = a₂/(1 + a₂),   PUSH = h ω/a₁,
-# where a₁ = 2 DAMPING + h ω, a₂ = h ω a₁ and h ω = 2π FREQUENCY, at a separation s that grows with
-# the speed u, with the effective mass m (Catto: Soft Constraints. Game Developers Conference 2011).
-_ANGLE = 2.0 * math.pi * FREQUENCY
-PUSH = _ANGLE / (2.0 * DAMPING + _ANGLE)
-KEPT = 1.0 - 1.0 / (1.0 + _ANGLE * (2.0 * DAMPING + _ANGLE))
+#     λ ← KEPT (λ - m (u + ω s/a₁)),   KEPT = a₂/(1 + a₂),   a₁ = 2 DAMPING + h ω,   a₂ = h ω a₁,
+# where h ω is 2π FREQUENCY, at a separation s that grows with the speed u, with the effective mass
+# m (Catto: Soft Constraints. Game Developers Conference 2011).
+ANGLE = 2.0 * math.pi * FREQUENCY
+A1 = 2.0 * DAMPING + ANGLE
+KEPT = ANGLE * A1 / (1.0 + ANGLE * A1)
 # Seconds for which bodies must be slow before they fall asleep. More keeps piles awake for longer.
 # Less stops slow motions: with a single step, bodies fall asleep as they begin to slide, and where
 # they are added. In this time, overlapping bodies without weight are pushed apart by their radius.
@@ -87,15 +87,17 @@ class SoftContacts(PlacedManifolds):
         self.speed = self.system.speeds(motion)
         self.rounding = ROUNDING * np.abs(self.speed[:6]).max(initial=0.0)
         self.closing = self._closing_speeds(motion)
-        self.fallSpeeds = self._fall_speeds(motion, bodies.isDriven)
+        rates = self._fall_rates(motion, bodies.isDriven)
+        self.fallSpeeds = np.maximum(rates * self.timeStep, self.rounding)
         self.fallSpeed = take(self.fallSpeeds, self.ends).max(axis=0)
         hardest = max(self.fallSpeed.max(initial=0.0), -self.closing.min(initial=0.0))
         self.slow = max(TOLERANCE * hardest, self.rounding)
-        self.started, substeps = self.impulse[:POINTS], self.timeStep / h
-        self.carried = self.started * substeps
-        self.weight = self.system.mass * (self.fallSpeed / substeps)
+        self.started = self.impulse[:POINTS]
+        self.carried = self.started * (self.timeStep / h)
+        self.weight = self.system.mass * (take(rates, self.ends).max(axis=0) * h)
         self.pending, self.total = np.zeros((2, 7, self.count))
-        least = np.maximum(TOLERANCE * self.fallSpeed / substeps, max(self.rounding, TINY))
+        least = TOLERANCE * self.fallSpeed * h / self.timeStep
+        least = np.maximum(least, max(self.rounding, TINY))
         self.system.let_slide(np.where(self._may_slide(), least, 0.0))
         isUneven, loads = self._weighed(inverse[0], motion)
         self.most = (1.0 - KEPT) * loads * self.weight
@@ -113,8 +115,9 @@ class SoftContacts(PlacedManifolds):
         speed = self.speed[:POINTS]
         return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
 
-    def _fall_speeds(self, motion, isDriven):
-        """`fallSpeeds`: the greatest of all bodies in contact. A field of forces is gravity.
+    def _fall_rates(self, motion, isDriven):
+        """Accelerations (m + 1,) that press bodies together: the greatest, by gravity and forces,
+        of those in contact. A field of forces is gravity.
 
         isDriven : (n,)
         """
@@ -123,7 +126,7 @@ class SoftContacts(PlacedManifolds):
             island = islands(self.ends, motion.invMass[:-1] > 0.0)
             np.maximum.at(rates, island, norm(motion.gravity[:, :-1]))
             rates[:-1] = rates[island]
-        return np.maximum(rates * self.timeStep, self.rounding)
+        return rates
 
     def _weighed(self, invMass, motion):
         """`(isUneven (M,), loads (M,))`: whether manifolds are in islands in which bodies of UNEVEN
@@ -150,12 +153,13 @@ class SoftContacts(PlacedManifolds):
         return isUneven, 0.5 * UNEVEN * np.maximum(UNEVEN * heaviest / lighter, 1.0) ** 2
 
     def _may_slide(self):
-        """Whether manifolds (M,) may touch in the step, and have more than one point, and one that
-        may slip by more than gravity adds.
+        """Whether manifolds (M,) of several points may touch in the step, and their points slip, on
+        average of the squares, by more than gravity adds.
         """
-        radius = (self.isPoint * self.system.levers[3]).max(axis=0)  # squared
         along, across, spin = self.speed[POINTS:] ** 2
-        isFast = along + across + radius * spin > self.fallSpeed**2
+        spread = np.add.reduce(self.isPoint * self.system.levers[3])
+        spread /= np.maximum(np.add.reduce(self.isPoint), 1)
+        isFast = along + across + spread * spin > self.fallSpeed**2
         isNear = self.separation < self.timeStep * (self.fallSpeed - self.speed[:POINTS])
         return isFast & (isNear & self.isPoint).any(axis=0) & self.system.limits[1].any(axis=0)
 
@@ -189,7 +193,8 @@ class SoftContacts(PlacedManifolds):
     def soft_sweep(self, motion):
         """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
-        bias = np.maximum(np.maximum(PUSH * approach, self.pushSpeed), approach)
+        push = ANGLE / (self.h * A1) * self.separation
+        bias = np.maximum(np.maximum(push, self.pushSpeed), approach)
         softness = np.where(approach > self.rounding, 1.0, KEPT)
         self.measure(motion)
         self._sweep(bias, softness, self.most)
