@@ -133,7 +133,7 @@ class SoftContacts(PlacedManifolds):
         masses touch, and the largest loads to which their springs yield, in weights of the
         effective mass. That is half of UNEVEN where masses are so uneven; of others, more by the
         square of how much more even they are. With more, heavy bodies sink into light ones; with
-        less, they push them about.
+        less, they push them about, and stacks of 20 equal ones sway.
 
         What rests on a light body presses it on its supports, too, so the heaviest of the bodies
         that touch either one counts. What sleeps weighs as much as what is awake.
