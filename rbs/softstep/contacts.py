@@ -11,7 +11,7 @@ from rbs.geometry.vectors import dot, indices, norm, take
 from rbs.softstep.detection import KEEP, Poses
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS, ROUNDING, TINY, UNEVEN, PlacedManifolds
-from rbs.softstep.rows import SWEEPS, TOLERANCE, contact_rows, islands_of, mean_squares, reached
+from rbs.softstep.rows import SWEEPS, TOLERANCE, PartRows, contact_rows, islands_of, reached
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
 # stacks bounce, because the impulses of one sweep per substep lag behind: with 0.2, a stack of
@@ -21,6 +21,13 @@ FREQUENCY = 0.165
 # takes longer to come to rest; with less, down to critical, heavy bodies sink through light ones
 # below them.
 DAMPING = 6.0
+# Integrated implicitly over a substep of h, such a spring and damper gives the impulse
+#     λ ← KEPT (λ - m (u + ω s/a₁)),   KEPT = a₂/(1 + a₂),   a₁ = 2 DAMPING + h ω,   a₂ = h ω a₁,
+# where h ω is 2π FREQUENCY, at a separation s that grows with the speed u, with the effective mass
+# m (Catto: Soft Constraints. Game Developers Conference 2011).
+ANGLE = 2.0 * math.pi * FREQUENCY
+A1 = 2.0 * DAMPING + ANGLE
+KEPT = ANGLE * A1 / (1.0 + ANGLE * A1)
 # Seconds for which bodies must be slow before they fall asleep. More keeps piles awake for longer.
 # Less stops slow motions: with a single step, bodies fall asleep as they begin to slide, and where
 # they are added. In this time, overlapping bodies without weight are pushed apart by their radius.
@@ -43,9 +50,20 @@ def push_speeds(motion, radius):
 class SoftContacts(PlacedManifolds):
     """Impulses of a step on the `ContactRows` of the manifolds that have a movable body.
 
+    Speeds are in m/s, impulses in mass · m/s.
+
+    system : their `ContactRows`; ends : (2, M), columns of `Motion`; others : manifolds without one
     impulse, total : (7, M), in the last substep, and in all of them; pending : not applied yet
-    separation : (4, M); speed : (7, M), of the rows when last measured
+    started, carried : (4, M), with which normal impulses a substep starts; the first, in a step
+    separation : (4, M), m; speed : (7, M), of the rows when last measured
     closing : (4, M), normal speeds at which points meet after free flight has closed their gaps
+    fallSpeeds, fallSpeed : (m + 1,), (M,), that gravity and forces add to bodies in a step, and the
+        greater one of the two; weight : (4, M), impulses that stop it in a substep
+    rounding, slow : speeds that count as rounding, and as none in a blow
+    pushSpeed : (M,), < 0, with which points are pushed out at most
+    most : (4, M), by which springs lower impulses at most, as they yield
+    isUneven, tolerance : (M,), what is always solved until it converges, and the error where all
+        such sweeps end; sinkSpeed : (M,), beyond which more than one sweep is needed
     """
 
     def __init__(self, manifolds, frames, motion, mu, h, ratio):
@@ -68,37 +86,34 @@ class SoftContacts(PlacedManifolds):
         self.system.turn(0.5 * h)  # arms are those in the middle of the next substep
         self.speed = self.system.speeds(motion)
         self.rounding = ROUNDING * np.abs(self.speed[:6]).max(initial=0.0)
-        # u² = u₀² - 2 a s, with the relative acceleration a along the normal
-        gravity = np.subtract(*take(motion.gravity, self.ends[::-1], axis=1).swapaxes(0, 1))
-        gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.gap, 0.0)
-        speed = self.speed[:POINTS]
-        self.closing = -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
+        self.closing = self._closing_speeds(motion)
         rates = self._fall_rates(motion, bodies.isDriven)
-        rate = take(rates, self.ends).max(axis=0)
-        # that gravity and forces add in a step, in m/s
         self.fallSpeeds = np.maximum(rates * self.timeStep, self.rounding)
         self.fallSpeed = take(self.fallSpeeds, self.ends).max(axis=0)
         hardest = max(self.fallSpeed.max(initial=0.0), -self.closing.min(initial=0.0))
         self.slow = max(TOLERANCE * hardest, self.rounding)
-        self.rate, self.softness = spring(FREQUENCY, DAMPING, h)
         self.started = self.impulse[:POINTS]
-        # in a step as in the last substep
         self.carried = self.started * (self.timeStep / h)
-        self.weight = self.system.mass * (rate * h)
+        self.weight = self.system.mass * (take(rates, self.ends).max(axis=0) * h)
         self.pending, self.total = np.zeros((2, 7, self.count))
         least = TOLERANCE * self.fallSpeed * h / self.timeStep
         least = np.maximum(least, max(self.rounding, TINY))
         self.system.let_slide(np.where(self._may_slide(), least, 0.0))
         isUneven, loads = self._weighed(inverse[0], motion)
-        self.most = (1.0 - self.softness) * loads * self.weight
+        self.most = (1.0 - KEPT) * loads * self.weight
         # impulses of shorter substeps are a wrong start, which one sweep would leave
         self.isUneven = isUneven | (ratio > 1.0)
         # in every substep, constraints may pull down again what one sweep has stopped
-        isTied = frames.tiedReach > 0.0
-        isTied = isTied[self.first] | isTied[self.second]
+        isTied = (take(frames.tiedReach, ends[:, self.rows]) > 0.0).any(axis=0)
         self.sinkSpeed = np.where(isTied, self.fallSpeed, KEEP * size / h)
-        # error at which sweeps over what one has left unsolved end, in m/s
         self.tolerance = np.where(self.isUneven, TOLERANCE * self.fallSpeed, self.sinkSpeed)
+
+    def _closing_speeds(self, motion):
+        """`closing`: u² = u₀² - 2 a s, with the relative acceleration a along the normal."""
+        gravity = np.subtract(*take(motion.gravity, self.ends[::-1], axis=1).swapaxes(0, 1))
+        gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.gap, 0.0)
+        speed = self.speed[:POINTS]
+        return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
 
     def _fall_rates(self, motion, isDriven):
         """Accelerations (m + 1,) that press bodies together: the greatest, by gravity and forces,
@@ -118,7 +133,7 @@ class SoftContacts(PlacedManifolds):
         masses touch, and the largest loads to which their springs yield, in weights of the
         effective mass. That is half of UNEVEN where masses are so uneven; of others, more by the
         square of how much more even they are. With more, heavy bodies sink into light ones; with
-        less, they push them about.
+        less, they push them about, and stacks of 20 equal ones sway.
 
         What rests on a light body presses it on its supports, too, so the heaviest of the bodies
         that touch either one counts. What sleeps weighs as much as what is awake.
@@ -138,8 +153,13 @@ class SoftContacts(PlacedManifolds):
         return isUneven, 0.5 * UNEVEN * np.maximum(UNEVEN * heaviest / lighter, 1.0) ** 2
 
     def _may_slide(self):
-        """Whether manifolds (M,) may touch, and slip by more than gravity adds, in the step."""
-        isFast = mean_squares(self.system.weights, self.speed[POINTS:]) > self.fallSpeed**2
+        """Whether manifolds (M,) of several points may touch in the step, and their points slip, on
+        average of the squares, by more than gravity adds.
+        """
+        along, across, spin = self.speed[POINTS:] ** 2
+        spread = np.add.reduce(self.isPoint * self.system.levers[3])
+        spread /= np.maximum(np.add.reduce(self.isPoint), 1)
+        isFast = along + across + spread * spin > self.fallSpeed**2
         isNear = self.separation < self.timeStep * (self.fallSpeed - self.speed[:POINTS])
         return isFast & (isNear & self.isPoint).any(axis=0) & self.system.limits[1].any(axis=0)
 
@@ -173,13 +193,14 @@ class SoftContacts(PlacedManifolds):
     def soft_sweep(self, motion):
         """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
-        bias = np.maximum(np.maximum(self.rate * self.separation, self.pushSpeed), approach)
-        softness = np.where(approach > self.rounding, 1.0, self.softness)  # 1 in a gap
+        push = ANGLE / (self.h * A1) * self.separation
+        bias = np.maximum(np.maximum(push, self.pushSpeed), approach)
+        softness = np.where(approach > self.rounding, 1.0, KEPT)
         self.measure(motion)
         self._sweep(bias, softness, self.most)
         self.measure(motion)
         unsolved = self._unsolved(motion)
-        self._converge(motion, unsolved, bias, softness, self.most)
+        self._go_on(motion, unsolved, bias, softness, self.most)
         self.separation += self.h * self.speed[:POINTS]
         return unsolved
 
@@ -187,7 +208,7 @@ class SoftContacts(PlacedManifolds):
         """Removes the velocity added by the springs; unsolved : from `soft_sweep`"""
         bias = np.maximum(self.separation, 0.0) / self.h
         self._sweep(bias)
-        self._converge(motion, unsolved, bias)
+        self._go_on(motion, unsolved, bias)
         self.total += self.impulse
         self.system.turn(self.h)
 
@@ -197,9 +218,8 @@ class SoftContacts(PlacedManifolds):
         self.pending = self.impulse - before
 
     def _unsolved(self, motion):
-        """`(manifolds (K,), their `ContactRows` or None)` that one sweep leaves unsolved.
-
-        Those of uneven islands, and all of bodies of which a point sinks faster than `sinkSpeed`.
+        """`ContactRows` of the manifolds that one sweep leaves unsolved, or None: those of uneven
+        islands, and all of bodies of which a point sinks faster than `sinkSpeed`.
         """
         speed = np.maximum(self.separation, 0.0) / self.h + self.speed[:POINTS]
         sinking, isPart = (speed < -self.sinkSpeed).any(axis=0), self.isUneven
@@ -207,23 +227,19 @@ class SoftContacts(PlacedManifolds):
             isSinking = np.zeros(len(motion.invMass), dtype=bool)
             isSinking[self.ends[:, sinking]] = True
             isPart = isPart | (isSinking & (motion.invMass > 0.0))[self.ends].any(axis=0)
-        some = indices(isPart)
-        if len(some) == 0:
-            return some, None
-        part = self.system.of(some, take(self.isPoint, some, 1), motion)
-        part.let_slide(take(self.system.leastSlip, some))
-        return some, part
+        if not isPart.any():
+            return None
+        part = PartRows(self.system, isPart, self.isPoint, motion)
+        part.let_slide(take(self.system.leastSlip, part.some))
+        return part
 
-    def _converge(self, motion, unsolved, bias, *terms):
+    def _go_on(self, motion, unsolved, *terms):
         """Goes on with what is unsolved until its errors are within `tolerance`."""
-        some, part = unsolved
-        if len(some):
+        if unsolved is not None:
             self.apply(motion)
-            given = self.impulse, self.tolerance, bias, *terms
-            given = (take(x, some, -1) for x in given)
-            part.applied[:] = 0.0
-            self.impulse[:, some] = part.converged(motion, *given)
-            self.system.applied[:, some] += part.applied
+            unsolved.applied[:] = 0.0
+            self.impulse = unsolved.converged(motion, self.impulse, self.tolerance, *terms)
+            self.system.applied[:, unsolved.some] += unsolved.applied
             self.measure(motion)
 
     def impact(self, motion, CRCoeff, distances):
@@ -235,23 +251,24 @@ class SoftContacts(PlacedManifolds):
         """
         fall = np.abs(dot(self.normal[:, None], take(motion.gravity, self.ends, axis=1)))
         fall = self.timeStep * fall.max(axis=0)
-        isStruck = self.closing < -np.maximum(fall, self.slow)
-        isStruck &= self.total[:POINTS] > 0.0
+        isPressed, isNear = self.total[:POINTS] > 0.0, self.separation < self.h * self.fallSpeed
+        isStruck = isPressed & (self.closing < -np.maximum(fall, self.slow))
         if isStruck.any():
+            # gaps count that the speed which gravity adds in a step would close in a substep
+            isTouching = isPressed | (self.isPoint & isNear)
             before, total, isPart = motion.velocity.copy(), self.total, isStruck.any(axis=0)
             if CRCoeff < 1.0:
-                self.total, isPart = self._plastic(motion, isStruck)
+                self.total, isPart = self._plastic(motion, isStruck, isPressed, isTouching)
             if CRCoeff > 0.0:
                 velocity, motion.velocity[:] = motion.velocity.copy(), before
-                elastic = self._elastic(motion, total, isStruck, CRCoeff)
+                elastic = self._elastic(motion, total, isStruck, isTouching, CRCoeff)
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 self.total = self.total + CRCoeff * (elastic - self.total)
             # what blows add more across gravity than along it is no load, and would be repeated in
             # the next step; along it, heavy bodies that fall would press light ones into the ground
-            some = indices(isPart & (2.0 * fall**2 <= self.fallSpeed**2))
+            isLevel = isPart & (2.0 * fall**2 <= self.fallSpeed**2)
             loads = self.carried * (self.h / self.timeStep), self.weight * (fall / self.fallSpeed)
-            begun = self._grown(*loads)
-            self.impulse[:, some] = take(begun, some, 1)
+            np.copyto(self.impulse, self._grown(*loads), where=isLevel)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         some = indices(self.total.any(axis=0))
         smooth = self.normal * ~self.total[POINTS:].any(axis=0)
@@ -259,25 +276,23 @@ class SoftContacts(PlacedManifolds):
         share = bounded_share(motion, *given, distances.unmet(motion))
         self.total *= take(share, self.ends.min(axis=0))
 
-    def _plastic(self, motion, isStruck):
+    def _plastic(self, motion, isStruck, isPressed, isTouching):
         """Solves blows that do not bounce: no point of a struck body separates that was pressed.
-        Returns the total impulses, and which manifolds (M,) take part.
+        Returns the total impulses, and which manifolds (M,) take part. Masks are (4, M).
 
         All manifolds of struck bodies take part: others are what they are pressed against. Those
         count as struck, too, that the blow makes faster than gravity does in a substep. Points that
         were pressed and open without a blow keep what they have carried, as corners that a body
         rolls off.
         """
-        isPressed = self.total[:POINTS] > 0.0
         inverse, speed = take(motion.invMass, self.ends), np.zeros(len(motion.invMass))
         blow = np.where(isStruck, -self.closing, 0.0).max(axis=0)
         change = inverse / np.add.reduce(inverse) * blow
         np.maximum.at(speed, self.ends.ravel(), change.ravel())
         mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
-        isTouching = self._touching(self.total).any(axis=0)
-        touching, least = indices(isTouching), self.fallSpeeds * self.h / self.timeStep
-        isHit = reached(speed > 0.0, speed, mass, take(self.ends, touching, 1), least)
-        isPart = isHit[self.ends].any(axis=0) & isTouching
+        isPart, least = isTouching.any(axis=0), self.fallSpeeds * self.h / self.timeStep
+        isHit = reached(speed > 0.0, speed, mass, self.ends[:, isPart], least)
+        isPart &= isHit[self.ends].any(axis=0)
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
         hasLeft = isPressed & isOpening & ~isStruck & (self.total[:POINTS] <= self.carried)
@@ -285,24 +300,15 @@ class SoftContacts(PlacedManifolds):
         solved = self._solved(motion, self.total, isPart & isActive.any(axis=0), bias, isActive)
         return solved, isPart
 
-    def _touching(self, total):
-        """Points (4, M) that have received an impulse, or are so near that the speed which gravity
-        adds in a step would close the gap in a substep.
-        """
-        isNear = self.separation < self.h * self.fallSpeed
-        return (total[:POINTS] > 0.0) | (self.isPoint & isNear)
-
-    def _elastic(self, motion, total, bounces, CRCoeff):
+    def _elastic(self, motion, total, bounces, isTouching, CRCoeff):
         """Returns total impulses with which points separate as fast as they closed, then the points
         that this makes close, and so on, as in a row of balls.
 
         First, other manifolds of their islands lose the blows of the substeps. Points that still
         close after the last round bounce in the next step. Slow ones do not count, as only the part
-        CRCoeff of all this reaches the bodies.
+        CRCoeff of all this reaches the bodies. Masks are (4, M).
         """
         load, carried = np.add.reduce(total[:POINTS]), np.add.reduce(self.carried)
-        isTouching = self._touching(total)
-        isPressed = self.isPoint & isTouching.any(axis=0)
         island = islands_of(self.ends, motion.invMass)
         isBlow = np.isin(island, island[bounces.any(axis=0)])
         isBlow &= load - carried > self.fallSpeed * np.add.reduce(self.system.mass)
@@ -321,8 +327,8 @@ class SoftContacts(PlacedManifolds):
             given = bounces.any(axis=0), np.where(bounces, closing, 0.0), isActive
             total = self._solved(motion, total, *given, sweeps)
             closing = self.system.speeds(motion)[:POINTS]
-            isMet = isPressed & (self.separation < -self.timeStep * closing)
-            bounces = isMet & (CRCoeff * closing < -self.fallSpeed)
+            isMet = self.isPoint & (self.separation < -self.timeStep * closing)
+            bounces = isMet & (CRCoeff * closing < -self.fallSpeed) & isTouching.any(axis=0)
             if not bounces.any():
                 break
         return total
@@ -332,12 +338,9 @@ class SoftContacts(PlacedManifolds):
 
         isActive : (4, M), points whose impulses may change
         """
-        some, total = indices(isPart), total.copy()
-        bias, isActive, before = (take(x, some, 1) for x in (bias, isActive, total))
-        tolerance = TOLERANCE * np.maximum(-bias.min(initial=0.0), take(self.fallSpeed, some))
-        part = self.system.of(some, isActive, motion)
-        total[:, some] = part.converged(motion, before, tolerance, bias, sweeps=sweeps)
-        return total
+        tolerance = TOLERANCE * np.maximum(-bias.min(initial=0.0), self.fallSpeed)
+        part = PartRows(self.system, isPart, isActive, motion)
+        return part.converged(motion, total, tolerance, bias, sweeps=sweeps)
 
     def store(self, manifolds, isStill):
         """Returns the manifolds with the values from which the next step starts. What is between
@@ -369,20 +372,3 @@ class StillContacts:
         placed = PlacedManifolds(manifolds, Poses(self._bodies), rows)
         impulses = manifolds.impulse * placed.isPoint, manifolds.friction
         return placed.reported(self._substeps * np.concatenate(impulses))
-
-
-def spring(frequency, damping, h):
-    """`(β, s)` of a soft bound, β in 1/s, for substeps of h seconds.
-
-    Let the bound be violated by C, let u be the speed at which C grows, and m the effective mass.
-    It acts as a spring and damper with the angular frequency ω = 2π frequency/h and the damping
-    ratio ζ. Implicit integration over h gives the impulse
-
-        λ ← s (λ - m (u + β C)),   s = a₂/(1 + a₂),   β = ω/a₁,   a₁ = 2 ζ + h ω,   a₂ = h ω a₁
-
-    (Catto: Soft Constraints. Game Developers Conference 2011).
-    """
-    angle = 2.0 * math.pi * frequency  # h ω
-    a1 = 2.0 * damping + angle
-    a2 = angle * a1
-    return angle / (h * a1), a2 / (1.0 + a2)

@@ -57,30 +57,49 @@ class ContactRows:
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
     levers : (4, 4, M), of each point 1, -y, x and x² + y² with its coordinates x along t1 and y
         along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
-    weights : (3, M), 1, 1 and the mean of x² + y² over the points, for `mean_squares`
     applied : (9, M), Jᵀ λ of all impulses so far, each with the arms that it was applied with
     mass : (4, M), of each point alone
     K[k] : (4, M), response of all points' speeds to the impulse of point k, times their masses
     shared : (4, M), minus the mass of all points together; mutual : (4, M), response of the
         other points' speeds to a unit impulse at each of them, times minus the point's mass
-    friction, frictionMass : (3, 3, M), A and A⁻¹ of the friction rows alone
+    friction : (3, 3, M), A of the friction rows alone
     slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
-        impulses and the present speeds make them slip
+        impulses and the present speeds make them slip; for the latter, A⁻¹ of `friction`
     leastSlip : (M,), see `let_slide`; sliding : (K,), manifolds whose points slide
     """
 
-    def __init__(self, motion, masses, geometry, turning=None, island=None):
-        """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `weights`
+    def __init__(self, motion, masses, geometry, turning=None):
+        """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`
 
-        masses : see `split_masses`; island : (M,), for `converged`
+        masses : see `split_masses`
         turning : (6, 6, M), change of the arms in J in a second; None if they do not turn
         """
-        self.ends, self.isPoint, self.J, self.limits, self.levers, self.weights = geometry
-        self.turning, self.island = turning, island
+        self.ends, self.isPoint, self.J, self.limits, self.levers = geometry
+        self.turning = turning
         axes = len(motion.invMass) * np.arange(6).reshape(2, 1, 3, 1)
-        self.places = (self.ends[:, None] + axes).ravel()
+        self.places, self.applied = (
+            (self.ends[:, None] + axes).ravel(),
+            np.zeros(self.J[:, 0].shape),
+        )
+        isPoint, A = self.isPoint, self._responses(masses)
+        normal, diagonal = A[:POINTS, :POINTS], A.diagonal().T[:POINTS]
+        self.mass = isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
+        self.K = self.mass * normal
+        total = np.einsum("jm,jkm,km->m", isPoint, normal, isPoint)
+        self.shared = isPoint / -np.where(total > 0.0, total, 1.0)
+        self.mutual = isPoint - np.einsum("jm,jkm->km", isPoint, self.K)
+        self.friction, isSpun = A[POINTS:, POINTS:], self.limits[1].any(axis=0)
+        self.friction[(0, 1, 2, 2), (2, 2, 0, 1)] *= isSpun  # a single point resists no spin
+        mass = inverted(self.friction)
+        ofNormals = np.einsum("ikm,kjm->ijm", mass, A[POINTS:, :POINTS])
+        self.slip = np.concatenate((ofNormals, mass), axis=1)
+        self.slip[2] *= isSpun
+        self.let_slide(np.zeros(len(total)))
+
+    def _responses(self, masses):
+        """A (7, 7, M), symmetric; masses : see `split_masses`"""
         invInertia, moments = masses[1:].reshape(3, 3, 2, -1), self.J[3:]
-        angular, A = np.empty_like(moments), np.empty((7, 7, len(self.ends[0])))
+        angular, A = np.empty_like(moments), np.empty((7, 7, len(moments[0, 0])))
         for k in range(6):  # three times as fast as all in one sum
             end, i = divmod(k, 3)
             own = moments[3 * end : 3 * end + 3]
@@ -90,43 +109,19 @@ class ContactRows:
             A[row, :row] = A[:row, row]
         for row in (slice(0, POINTS), 4, 5):
             A[row, row] += masses[0].sum(axis=0)
-        self.applied, isPoint = np.zeros((9, len(A[0, 0]))), self.isPoint
-        normal, diagonal = A[:POINTS, :POINTS], A.diagonal().T[:POINTS]
-        self.mass = isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
-        self.K = self.mass * normal
-        total = np.einsum("jm,jkm,km->m", isPoint, normal, isPoint)
-        self.shared = isPoint / -np.where(total > 0.0, total, 1.0)
-        self.mutual = isPoint - np.einsum("jm,jkm->km", isPoint, self.K)
-        self.friction = A[POINTS:, POINTS:]  # symmetric
-        isSpun = self.limits[1].any(axis=0)  # a single point resists no spin
-        self.friction[2, :2] *= isSpun
-        self.friction[:2, 2] *= isSpun
-        self.frictionMass = inverted(self.friction)
-        ofNormals = np.einsum("ikm,kjm->ijm", self.frictionMass, A[POINTS:, :POINTS])
-        self.slip = np.concatenate((ofNormals, self.frictionMass), axis=1)
-        self.slip[2] *= isSpun
-        self.let_slide(np.zeros(len(total)))
+        return A
 
     def let_slide(self, leastSlip):
         """Lets friction act at the points of the manifolds with a leastSlip (M,) > 0, m/s, to which
         their slip counts; in others, it is that of points that stick.
         """
         self.leastSlip, self.sliding = leastSlip, indices(leastSlip)
-        given = leastSlip, self.weights, self.levers, self.limits[0], self.friction
-        self._ofSliding = [take(x, self.sliding, -1) for x in (*given, self.frictionMass)]
+        given = leastSlip, self.levers, self.limits, self.friction, self.slip[:, POINTS:]
+        self._ofSliding = [take(x, self.sliding, -1) for x in given]
 
     def turn(self, seconds):
         """Turns the arms with their bodies."""
         self.J[3:, :6] += seconds * self.turning
-
-    def of(self, some, isActive, motion):
-        """Returns the rows of manifolds `some` (K,) as if there were no others, with their islands;
-        isActive : (4, K), points whose impulses may change.
-        """
-        given = self.ends, self.J, self.limits, self.levers, self.weights
-        ends, *others = (take(x, some, -1) for x in given)
-        masses, island = split_masses(ends, motion.inverse), islands_of(ends, motion.invMass)
-        return ContactRows(motion, masses, (ends, 1.0 * isActive, *others), island=island)
 
     def speeds(self, motion):
         """Speeds (7, M) of the rows; those of the points are > 0 if separating."""
@@ -159,54 +154,52 @@ class ContactRows:
         the point visited first takes most of a blow, and a box that lands flat tilts. In the soft
         sweep, sliding manifolds keep their friction, which would exceed the limit of the points.
         """
-        impulse, isSoft, error = before.copy(), softness is not None, speed[:POINTS] + bias
-        left = before[:POINTS] - self.mass * error
-        if not isSoft:
+        isSoft, normal, friction = softness is not None, before[:POINTS], before[POINTS:]
+        pressed = self._pressed(normal, speed[:POINTS] + bias, softness, most)
+        change = np.concatenate((pressed - normal, speed[POINTS:]))
+        sticking = friction - np.einsum("irm,rm->im", self.slip, change)
+        if isSoft:
+            np.copyto(sticking, friction, where=self.leastSlip > 0.0)
+        limit, size = coulomb_limits(self.limits, pressed, sticking)
+        share = limit / np.maximum(np.maximum(size, limit), TINY)
+        friction = sticking * take(share, (0, 0, 1), axis=0)
+        if not isSoft and len(self.sliding):
+            given = (take(x, self.sliding, -1) for x in (pressed, friction, sticking))
+            friction[:, self.sliding] = self._sliding(*given)
+        return np.concatenate((pressed, friction))
+
+    def _pressed(self, before, error, softness, most):
+        """Normal impulses (4, M); error : (4, M), u + bias"""
+        impulse, left = before.copy(), before - self.mass * error
+        if softness is None:
             common = self.isPoint * np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
             left += self.mutual * common
-            impulse[:POINTS] += common
+            impulse += common
         for k in range(POINTS):
             wanted = left[k]
-            if isSoft:
+            if softness is not None:
                 wanted = np.maximum(softness[k] * wanted, wanted - most[k])
             wanted = np.maximum(wanted, 0.0)
             more = wanted - impulse[k]
             impulse[k] = wanted
             left[k + 1 :] -= self.K[k, k + 1 :] * more  # points that are still to be visited
-        change = np.concatenate((impulse[:POINTS] - before[:POINTS], speed[POINTS:]))
-        friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
-        # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
-        limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
-        if isSoft:
-            np.copyto(friction, before[POINTS:], where=self.leastSlip > 0.0)
-        size = friction * friction
-        size[0] += size[1]
-        size = np.sqrt(size[::2])
-        share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
-        impulse[4:6], impulse[6] = friction[:2] * share, friction[2] * twistShare
-        if not isSoft and len(self.sliding):
-            # some points slide if, about, (S/L)² + (T/M)² > 1 for the friction S and the twist T,
-            # with the limits L of S alone and M of T alone
-            size /= np.maximum(limit, TINY)
-            size = np.sqrt(np.add.reduce(size * size))
-            given = impulse, friction, size, speed[POINTS:]
-            given = (take(x, self.sliding, -1) for x in given)
-            impulse[POINTS:, self.sliding] = self._sliding(*given)
         return impulse
 
-    def _sliding(self, impulse, sticking, size, speed):
+    def _sliding(self, pressed, friction, sticking):
         """Friction (3, K) of the manifolds whose points slide, each point's against its slip.
 
-        impulse : (7, K); speed : (3, K)
+        pressed : (4, K); friction : (3, K), of points that stick
         sticking : (3, K), f*, impulses that would stop the slip w = A (f - f*) of the rows
-        size : (K,), about what f* is to be divided by to reach the limit
+
+        Some slide if, about, (S/L)² + (T/M)² > 1 for the friction S and the twist T of f*, with the
+        limits L of S alone and M of T alone: f* is to be divided by the root, `size`.
 
         A point that slips by u = B w receives f = -μ λ u/|u|. With c = μ λ/|u| for an estimate of
         |u| and C = Σ Bᵀ c B, f = -C w, and thus -w = (A⁻¹ + C)⁻¹ f*. A point that would then slip
-        faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size,
-        scaled down to the measured slip of all points; that of each would make spins oscillate.
+        faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size;
+        the measured slip of each point would make spins oscillate.
         """
-        leastSlip, weights, levers, limits, response, mass = self._ofSliding
+        leastSlip, levers, limits, response, mass = self._ofSliding
 
         def slip(w):
             """Slip speeds (4, K) of the points; w : (3, K), speeds of the friction rows."""
@@ -221,29 +214,47 @@ class ContactRows:
             zero = np.zeros_like(one)
             return np.array(((one, zero, y), (zero, one, x), (y, x, square)))
 
-        limit = limits * impulse[:POINTS]
+        limit, size = coulomb_limits(limits, pressed, sticking)
+        size /= np.maximum(limit, TINY)
+        size, limit = np.sqrt(np.add.reduce(size * size)), limits[0] * pressed
         scaled = np.einsum("ijm,jm->im", response, sticking * (1.0 / np.maximum(size, 1.0) - 1.0))
-        ratio = mean_squares(weights, speed)
-        ratio /= np.maximum(mean_squares(weights, scaled), TINY)
-        estimate = np.maximum(slip(scaled * np.sqrt(np.minimum(ratio, 1.0))), leastSlip)
-        total = mass + resistance(limit / estimate)
-        cofactors, determinant = triples.adjugate(total.reshape(9, -1))
-        w = np.stack(triples.mat_vec(cofactors, sticking)) / determinant
+        estimate = np.maximum(slip(scaled), leastSlip)
+        mass = inverted(mass + resistance(limit / estimate))
+        w = np.einsum("ijm,jm->im", mass, sticking)
         limit /= np.maximum(estimate, slip(w))
         sliding = np.einsum("ijm,jm->im", resistance(limit), w)
-        return np.where(size > 1.0, sliding, impulse[POINTS:])
+        return np.where(size > 1.0, sliding, friction)
+
+
+class PartRows(ContactRows):
+    """Rows of K of M manifolds, as if there were no others, which are solved until they converge.
+
+    some : (K,), these; island : (K,), theirs
+    """
+
+    def __init__(self, rows, isPart, isActive, motion):
+        """rows : `ContactRows` of all; isPart : (M,)
+
+        isActive : (4, M), points whose impulses may change
+        """
+        self.some, given = indices(isPart), (rows.ends, isActive, rows.J, rows.limits, rows.levers)
+        ends, isActive, *others = (take(x, self.some, -1) for x in given)
+        self.island = islands_of(ends, motion.invMass)
+        masses = split_masses(ends, motion.inverse)
+        super().__init__(motion, masses, (ends, 1.0 * isActive, *others))
 
     def converged(self, motion, impulse, tolerance, *terms, sweeps=SWEEPS):
-        """Applies impulses (7, M) to the bodies by up to `sweeps` sweeps, and returns their sum.
-        Only for rows that `of` has returned.
+        """Applies impulses to the bodies by up to `sweeps` sweeps; returns those (7, M) of all.
 
-        impulse : (7, M), before; tolerance : m/s, (M,) or one, error at which they end
-        terms : bias and so on, see `solved`
+        impulse : (7, M), before; tolerance : (M,), m/s, error at which sweeps end
+        terms : (4, M), bias and so on, see `solved`
 
         Each is followed by a step of the nonsmooth nonlinear conjugate gradient method, in each
         island (Silcowitz, Niebe, Erleben: A Nonsmooth Nonlinear Conjugate Gradient Method for
         Interactive Contact Force Problems. The Visual Computer, 2010).
         """
+        result, given = impulse.copy(), (impulse, tolerance, *terms)
+        impulse, tolerance, *terms = (take(x, self.some, -1) for x in given)
         way, before = np.zeros_like(impulse), np.zeros(len(motion.invMass))
         for _ in range(sweeps):
             solved = self.solved(impulse, self.speeds(motion), *terms)
@@ -257,7 +268,8 @@ class ContactRows:
             impulse = solved
             if (np.abs(change[:POINTS]) <= tolerance * self.mass).all():
                 break
-        return impulse
+        result[:, self.some] = impulse
+        return result
 
 
 def contact_rows(placed, bodies, inverse, frames, motion, mu):
@@ -277,34 +289,32 @@ def contact_rows(placed, bodies, inverse, frames, motion, mu):
     x, y = dot(arm, placed.tangent1[:, None]), dot(arm, placed.tangent2[:, None])
     levers = np.array((np.ones_like(x), -y, x, x * x + y * y))
     limits = mu * isPoint * np.sqrt(levers[::3])
-    weights = np.ones((3, placed.count))
-    weights[2] = np.add.reduce(weight * levers[3])
 
-    J, arms = np.zeros((9, 7, placed.count)), np.empty((2, 3, 6, placed.count))
-    axes, moments = J[:3], J[3:].reshape(2, 3, 7, -1)
-    np.multiply(n[:, None], isPoint, out=axes[:, :POINTS])
-    axes[:, 4], axes[:, 5] = placed.tangent1, placed.tangent2
     # the centre lies midway between the points of the two bodies, which are `gap` apart
-    centre = middle + 0.5 * np.add.reduce(weight * placed.gap) * n
-    arms[0, :, :POINTS], arms[:, :, POINTS:] = placed.arm, centre[:, None]
-    arms[1, :, :POINTS] = placed.arm + placed.gap * n[:, None]
+    centre = (middle + 0.5 * np.add.reduce(weight * placed.gap) * n)[:, None].repeat(2, axis=1)
+    arms = [np.concatenate((placed.arm, centre), axis=1)]
+    arms.append(np.concatenate((placed.arm + placed.gap * n[:, None], centre), axis=1))
     arms[1] -= (take(frames.position, placed.second, axis=1) - placed.start1)[:, None]
-
-    spin, turning = motion.begin[3:], np.empty_like(arms)
-    rate = np.stack(turn_matrix(motion.timeStep * spin)) - np.eye(3).reshape(9, 1)
-    rate /= motion.timeStep
+    axes = n[:, None] * isPoint, placed.tangent1[:, None], placed.tangent2[:, None]
+    axes, turn = np.concatenate(axes, axis=1), turn_matrix(motion.timeStep * motion.begin[3:])
+    rate = (np.stack(turn) - np.eye(3).reshape(9, 1)) / motion.timeStep
+    J, turning = np.zeros((3, 3, 7, placed.count)), np.empty((2, 3, 6, placed.count))
+    J[0, :, :6] = axes
     for k, sign in enumerate((-1.0, 1.0)):
         own = sign * arms[k]
-        moments[k, :, :6], moments[k, :, 6] = triples.cross(own, axes[:, :6]), sign * n
-        change = mat_vec(take(rate, ends[k], 1)[:, None], own)
-        turning[k] = triples.cross(change, axes[:, :6])
-    geometry = ends, isPoint, J, limits, levers, weights
+        J[k + 1, :, :6], J[k + 1, :, 6] = triples.cross(own, axes), sign * n
+        turning[k] = triples.cross(mat_vec(take(rate, ends[k], 1)[:, None], own), axes)
+    geometry = ends, isPoint, J.reshape(9, 7, -1), limits, levers
     return ContactRows(motion, masses, geometry, turning.reshape(6, 6, -1))
 
 
-def mean_squares(weights, speed):
-    """Mean squares (M,) of the slip of points; speed : (3, M), of the friction rows"""
-    return np.einsum("im,im->m", weights, speed * speed)
+def coulomb_limits(limits, pressed, friction):
+    """`(limit, size)`, (2, M) each, of friction (3, M) and its twist: at most μ Σ λ, and that times
+    the lever arm. limits : see `ContactRows`; pressed : (4, M), λ
+    """
+    size = friction * friction
+    size[0] += size[1]
+    return np.einsum("ikm,km->im", limits, pressed), np.sqrt(size[::2])
 
 
 def split_masses(ends, inverse):

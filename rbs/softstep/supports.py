@@ -20,6 +20,10 @@ from rbs.geometry.vectors import dot, indices, ranges, take
 FLUSH = 2e-3
 
 
+# Angle by which planes lean that count as flush, see above.
+SLANT = np.sqrt(2.0 * FLUSH)
+
+
 def deferring(frames, ends, normal, asked, heights):
     """`(normal (3, K), isContact (K,))` of K pairs that may touch: one that defers to a support
     takes over its normal, and one for which supports cross has no contact.
@@ -32,62 +36,72 @@ def deferring(frames, ends, normal, asked, heights):
     A contact that may itself defer is no support. Of several supports, the one along which the two
     approach least counts.
     """
-    (first, second), count, hulls = ends, len(normal[0]), frames.hulls
-    # each contact twice: the second body under the first, and the first under the second
-    body, base = np.concatenate((ends, ends[::-1]), axis=1)
+    planes, isFirm = _planes(frames, ends, normal, heights), np.ones(len(ends[0]), dtype=bool)
+    ends, normal = ends[:, asked], normal[:, asked].copy()
+    pair, contact, m = _in_the_way(frames, ends, normal, *planes)
+    isOther = dot(m, take(normal, pair, axis=1)) < 1.0 - FLUSH
+    isFirm[asked][pair[isOther]] = False
+    approach = np.subtract(*take(frames.glide, ends, axis=1).swapaxes(0, 1))
+    closing = np.maximum(dot(m, take(approach, pair, axis=1)), 0.0)
+    order = np.lexsort((closing, pair))
+    order = order[isFirm[contact[order]]]
+    isBest = np.diff(pair[order], prepend=-1) > 0
+    best, isContact = order[isBest], np.ones(len(normal[0]), dtype=bool)
+    isCrossed = dot(take(m, order, axis=1), take(m, best[isBest.cumsum() - 1], axis=1)) < SLANT
+    isContact[pair[order[isCrossed]]] = False
+    best = best[isOther[best]]
+    normal[:, pair[best]] = take(m, best, axis=1)
+    return normal, isContact
+
+
+def _planes(frames, ends, normal, heights):
+    """`(body, base, outward (3, 2 C), level, depth)`, (2 C,) each, of C contacts: the planes along
+    which the first bodies lie on the second, and then the second on the first.
+
+    outward : from the base to the body; level : height over the base's COM; depth : of the contact
+    ends, normal, heights : see `deferring`
+    """
+    (body, base), count = np.concatenate((ends, ends[::-1]), axis=1), len(ends[0])
     outward, level = np.concatenate((-normal, normal), axis=1), np.zeros(2 * count)
     some = indices(np.tile(np.arange(count) >= len(heights[0]), 2) & (base < frames.count))
-    level[some] = -supports(hulls, take(base, some), -take(outward, some, axis=1))[0]
+    level[some] = -supports(frames.hulls, take(base, some), -take(outward, some, axis=1))[0]
     level.reshape(2, count)[:, : len(heights[0])] = heights[::-1]
-    t = take(frames.position, second, axis=1) - take(frames.position, first, axis=1)
-    depth = level[:count] + level[count:] - dot(normal, t)
-    some = indices(~np.append(frames.bodies.isFixed, True)[body])
-    some = some[body[some].argsort(kind="stable")]
-    perBody = np.bincount(body[some], minlength=frames.count + 1)
-    start = perBody.cumsum() - perBody
+    depth = level[:count] + level[count:] - dot(normal, frames.translations(*ends))
+    return body, base, outward, level, np.tile(depth, 2)
 
-    first, second, normal = *ends[:, asked], normal[:, asked]
-    body, other = np.concatenate(((first, second), (second, first)), axis=1)
-    row, column = ranges(take(start, body), take(perBody, body))
-    column, j = take(some, column), take(other, row)
-    base, m = take(base, column), take(outward, column, axis=1)
-    height = dot(m, take(frames.position, j, axis=1) - take(frames.position, base, axis=1))
-    height -= take(level, column)
-    some = indices((height <= 0.0) & (j != base))
-    row, column, j, base, height = (take(x, some) for x in (row, column, j, base, height))
-    m, contact = take(m, some, axis=1), column % count
-    count = len(first)
-    rise = dot(m, take(frames.glide, j, axis=1) - take(frames.glide, base, axis=1))
+
+def _in_the_way(frames, ends, normal, body, base, outward, level, depth):
+    """`(pair (Q,), contact (Q,), m (3, Q))`: contacts of one body of a pair beyond whose planes the
+    other one does not rise, and their normals, from the first body of the pair to the second.
+
+    ends, normal : (2, K), (3, K), of the pairs; body and so on : `_planes`
+    """
+    count, (own, other) = len(ends[0]), np.concatenate((ends, ends[::-1]), axis=1)
+    row, plane = _equal(own, np.where(np.append(frames.bodies.isFixed, True)[body], -1, body))
+    j, under, m = take(other, row), take(base, plane), take(outward, plane, axis=1)
+    height = dot(m, take(frames.position, j, axis=1) - take(frames.position, under, axis=1))
+    height -= take(level, plane)
+    rise = dot(m, take(frames.glide, j, axis=1) - take(frames.glide, under, axis=1))
     # the support has sunk about as deep under the body as the body into it
-    sunk = 2.0 * np.maximum(take(depth, contact), 0.0)
-    slack = FLUSH * frames.sizes(take(body, row), j)[1] + sunk - np.maximum(rise, 0.0)
-    slant = np.sqrt(2.0 * FLUSH)  # the angle
+    sunk = 2.0 * np.maximum(take(depth, plane), 0.0)
+    slack = FLUSH * frames.sizes(take(own, row), j)[1] + sunk - np.maximum(rise, 0.0)
     # the extent of j, at least, seen along m and a normal that leans
-    extent = (1.0 - slant) * take(frames.thickness, j) - slant * take(frames.radius, j)
-    some, isContact = indices(height <= slack - extent), np.ones(count, dtype=bool)
-    if len(some) == 0:
-        return normal, isContact
-    row, contact, j, height, slack = (take(x, some) for x in (row, contact, j, height, slack))
-    m = take(m, some, axis=1)
+    extent = (1.0 - SLANT) * take(frames.thickness, j) - SLANT * take(frames.radius, j)
+    some = indices((height <= np.minimum(slack - extent, 0.0)) & (j != under))
+    row, plane, j, height, slack = (take(x, some) for x in (row, plane, j, height, slack))
+    m, pair, sign = take(m, some, axis=1), row % count, np.where(row < count, 1.0, -1.0)
     # seen along a normal that leans as much, so that a slab that tilts does not rise
-    away = slant * take(normal, row % count, axis=1) * np.where(row < count, 1.0, -1.0)
+    away = SLANT * take(normal, pair, axis=1) * sign
     directions = np.concatenate((away, away - m), axis=1)
-    nearest, farthest = supports(hulls, np.concatenate((j, j)), directions)[0].reshape(2, -1)
+    nearest, farthest = supports(frames.hulls, np.tile(j, 2), directions)[0].reshape(2, -1)
     some = indices(height + nearest - farthest <= slack)
-    row, contact = take(row, some), take(contact, some)
-    m = take(m, some, axis=1) * np.where(row < count, -1.0, 1.0)
-    row %= count
-    isOther = dot(m, take(normal, row, axis=1)) < 1.0 - FLUSH
-    isFirm = np.ones(len(ends[0]), dtype=bool)
-    isFirm[asked][row[isOther]] = False
-    approach = take(frames.glide, first, axis=1) - take(frames.glide, second, axis=1)
-    closing = np.maximum(dot(m, take(approach, row, axis=1)), 0.0)
-    order = np.lexsort((closing, row))
-    order = order[isFirm[contact[order]]]
-    isBest = np.diff(row[order], prepend=-1) > 0
-    best = order[isBest]
-    isCrossed = dot(take(m, order, axis=1), take(m, best[isBest.cumsum() - 1], axis=1)) < slant
-    isContact[row[order[isCrossed]]] = False
-    best, normal = best[isOther[best]], normal.copy()
-    normal[:, row[best]] = take(m, best, axis=1)
-    return normal, isContact
+    return take(pair, some), take(plane, some) % (len(level) // 2), take(-sign * m, some, axis=1)
+
+
+def _equal(values, known):
+    """`(row, index)`, (Q,): for each of some values (K,), the indices at which `known` has it."""
+    order = known.argsort(kind="stable")
+    known = known[order]
+    start = known.searchsorted(values)
+    row, index = ranges(start, known.searchsorted(values, side="right") - start)
+    return row, take(order, index)

@@ -238,6 +238,14 @@ def test_the_ground_takes_no_momentum_without_friction(e):
     np.testing.assert_allclose(momenta(), before, rtol=1e-6)
 
 
+def test_a_torque_turns_what_stands_on_ice():
+    """Its work is no energy that contacts give. A cube has the moment of inertia m/6."""
+    mesh = box_body(1, 1, 1, (0, 0.5, 0))
+    mesh.set_force((0, 0, 0), (0, 0.5 * mesh.mass, 0))
+    simulate([mesh], 10, mu=0.0)
+    assert mesh.angVelocity[0, 1] == pytest.approx(3.0 * 10 * H, abs=1e-6)
+
+
 def test_two_bodies_collide_alike_whichever_is_the_first():
     """As they spin, in ten pairs far apart; the other way round, the list is in reverse. While a
     contact lasts, its normal turns with the first body.
