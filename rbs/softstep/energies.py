@@ -75,8 +75,10 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     limit, now = total(before + work), turned(velocity)
     energy = total(0.5 * products(now, now))
     bound = np.concatenate((touching, infeasible), axis=1)
-    isBound = ~isWorked & (np.bincount(island[bound[bound < count]], minlength=count) > 0)
-    isOver = ~isWorked & (energy > limit + np.where(isBound, 0.0, ROUNDED * energy))
+    isBound, isTied = (
+        ~isWorked & (np.bincount(island[x[x < count]], minlength=count) > 0) for x in (bound, tied)
+    )
+    isOver = (isBound & (energy > limit)) | (isTied & ((1.0 - ROUNDED) * energy > limit))
     if not (isOver.any() or isTumbling):
         return share
     # with the fraction s of the changes since free flight, the energy is that of free flight plus

@@ -86,14 +86,16 @@ class Sleep(SimpleNamespace):
         return Sleep(isAsleep=isAsleep, timer=timer, way=way, state=state)
 
 
-def wake(step, frames, sleep, manifolds, tied, isDisturbed, isBereft):
+def wake(step, frames, state, manifolds, tied, isDisturbed, isBereft):
     """`(sleep, isTried (n,))`: the `Sleep` with which the bodies of a `Step` move, and which
     sleepers are on trial.
 
-    sleep : `Sleep` at the end of the last step; manifolds : of this one; tied : as for `Frames`
+    state : `SolverState` at the end of the last step; manifolds : of this one; tied : as for
+        `Frames`
     isDisturbed, isBereft : (n,), bodies that were changed, and that have lost a support
     """
-    bodies, isFree, isAsleep = frames.bodies, ~frames.bodies.isFixed, sleep.isAsleep
+    bodies, sleep, isFree = frames.bodies, state.sleep, ~frames.bodies.isFixed
+    isAsleep = sleep.isAsleep
     isTried = np.zeros(frames.count, dtype=bool)
     if not step.sleeping:
         return Sleep.none(bodies), isTried
@@ -104,6 +106,8 @@ def wake(step, frames, sleep, manifolds, tied, isDisturbed, isBereft):
     if isAsleep.any():
         isFast = ~isAsleep & (_speeds(bodies, bodies.velocity) > _slow_speeds(bodies))
         isWoken |= isAsleep & beside(isDisturbed | isFast, links)
+        lost = _lost_loads(state.manifolds, manifolds, frames.count)
+        isWoken |= isAsleep & np.isin(np.arange(frames.count), lost)
         mass = 1.0 / np.where(isFree, bodies.invMass[:-1], np.inf)
         load = bodies.acceleration - np.reshape([*step.gravity, 0.0, 0.0, 0.0], (6, 1))
         force, least = _speeds(bodies, load), STEADY * bodies.fallRate
@@ -119,28 +123,33 @@ def wake(step, frames, sleep, manifolds, tied, isDisturbed, isBereft):
 def _striking_speeds(step, frames, manifolds, isAwake):
     """Largest speed (n,) at which points of bodies that are awake, (n,), come towards one that they
     meet in the step, or would in one more substep: its last sweep stops them, too. The speed is
-    relative to what is still, because a body also pushes what the one before it pushes.
+    relative to what is still, because a body also pushes what the one before it pushes. Or, if that
+    is more, the speed that friction may give the body in the step, which it passes on as well.
     """
     ends = manifolds.bodies(frames.count)
     rows = indices(np.append(isAwake, False)[ends].any(axis=0))
     placed, ends = PlacedManifolds(manifolds, frames, rows), take(ends, rows, axis=1)
     arms = np.stack((placed.arm, placed.arm - placed.t[:, None]), axis=1)  # (3, 2, 4, M)
     v, w = take(frames.velocity, ends, axis=1)[:, :, None].reshape(2, 3, 2, 1, -1)
-    towards = dot(placed.normal[:, None, None], v + cross(w, arms))
+    velocity = v + cross(w, arms)
+    towards = dot(placed.normal[:, None, None], velocity)
     towards[1] *= -1.0
     seconds = frames.timeStep * (1.0 + 1.0 / step.substeps)
     way = seconds * (towards[0] + towards[1] + frames.timeStep * frames.bodies.fallRate)
     isMet, speeds = placed.isPoint & (placed.gap <= way), np.zeros(frames.count + 1)
     np.maximum.at(speeds, ends, np.where(isMet, towards, 0.0).max(axis=1))
+    friction = step.mu * step.substeps * np.add.reduce(take(manifolds.impulse, rows, 1))
+    slip = norm(velocity[:, 1] - velocity[:, 0]).max(axis=0)
+    np.maximum.at(speeds, ends, np.minimum(friction * take(frames.bodies.invMass, ends), slip))
     return isAwake * speeds[:-1]
 
 
-def unloaded(manifolds, state, frames, gravity, isDisturbed, isBereft):
+def unloaded(step, frames, state, gravity, manifolds, isDisturbed, isBereft):
     """`(manifolds, isBereft (n,))`: without the loads of what falls in this step, because it has
     lost what it rested on, and which bodies have lost a contact that carried a load.
 
-    manifolds : of this step; state : `SolverState`, with those of the last one; gravity : m/s²,
-        along which they carried loads
+    state : `SolverState`, with the manifolds of the last step; gravity : m/s², along which they
+        carried loads; manifolds : of this `Step`
     isDisturbed, isBereft : (n,), bodies that were changed, and that touched a removed one
 
     A support is also lost that moves away faster than a body falls. If nothing else holds the
@@ -150,8 +159,7 @@ def unloaded(manifolds, state, frames, gravity, isDisturbed, isBereft):
     old, isLeft = state.manifolds, np.append(isBereft, False)
     if len(old.key) == 0 or not (isBereft | isDisturbed).any():
         return manifolds, isBereft
-    isLost = old.impulse.any(axis=0) & (find_sorted(old.key, manifolds.key) < 0)
-    ends = old.bodies(frames.count)[:, isLost]
+    ends = _lost_loads(old, manifolds, frames.count)
     isLeft[ends[:, np.append(isDisturbed, False)[ends].any(axis=0)]] = True
 
     isStill, manifolds = np.append(frames.bodies.isFixed, True), deepcopy(manifolds)
@@ -159,8 +167,9 @@ def unloaded(manifolds, state, frames, gravity, isDisturbed, isBereft):
     along = dot(np.reshape(gravity, (3, 1)), placed.normal)
     lower, upper = (placed.first, placed.second), (placed.second, placed.first)
     lower, upper = np.where(along < 0.0, lower, upper)
-    fall = frames.timeStep * ~frames.bodies.isFixed * frames.bodies.acceleration[:3]
-    velocity = frames.velocity[:3] + np.column_stack((fall, np.zeros(3)))
+    # without forces, because loads may hold down what they lift
+    fall = np.where(isStill, 0.0, frames.timeStep * np.reshape(step.gravity, (3, 1)))
+    velocity = frames.velocity[:3] + fall
     way = take(velocity, placed.second, axis=1) - take(velocity, placed.first, axis=1)
     rounding = ROUNDING * frames.timeStep * norm(gravity)
     isLeaving = isStill[lower] & (dot(way, placed.normal) > rounding)
@@ -179,6 +188,12 @@ def unloaded(manifolds, state, frames, gravity, isDisturbed, isBereft):
     rotation = take(frames.rotation, placed.second[rows], axis=1)
     manifolds.anchor2[:, :, rows] += vec_mat(lift, rotation[:, None])
     return manifolds, isLeft[:-1]
+
+
+def _lost_loads(old, manifolds, count):
+    """Bodies (2, K) between which there was a contact that carried a load, and is none now."""
+    isLost = old.impulse.any(axis=0) & (find_sorted(old.key, manifolds.key) < 0)
+    return old.bodies(count)[:, isLost]
 
 
 def connected(some, isFree, links):

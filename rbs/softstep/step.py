@@ -62,8 +62,9 @@ def soft_step(step):
         isStill = state.sleep.isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         frames = Frames(step, isStill & ~isDisturbed, tied)
         found = detect(step, frames, state, tied)
-        manifolds, isBereft = unloaded(found, state, frames, lastGravity, isDisturbed, isBereft)
-        sleep, isTried = wake(step, frames, state.sleep, manifolds, tied, isDisturbed, isBereft)
+        given = step, frames, state, lastGravity
+        manifolds, isBereft = unloaded(*given, found, isDisturbed, isBereft)
+        sleep, isTried = wake(step, frames, state, manifolds, tied, isDisturbed, isBereft)
     with report.phase("contactSolver"):
         motion = Motion(frames, sleep.isAsleep & ~isTried, drift)
         distances = SoftConstraints(constraints, state.constraintImpulse, frames, motion, h, ratio)
