@@ -79,7 +79,7 @@ def list_files(folder):
     folder, ours = Path(folder), {scene_name(path): path for path in list_scenes(DATA_FOLDER)}
     scenes = list_scenes(folder) if folder.resolve() != DATA_FOLDER.resolve() else []
     named = [(one_line(scene_name(path)), path) for path in scenes]
-    listed = {name: ListedFile(BESIDE, name, one_line(path.name), path) for name, path in named}
+    listed = {name: ListedFile(BESIDE, name, "", path) for name, path in named}
     # none if the folder has been removed
     for path in sorted(filter(Path.is_file, folder.glob("*"))):
         if is_recording_name(path):

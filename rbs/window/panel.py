@@ -322,14 +322,18 @@ class Panel:
                     widgets.draw_patch(colour, text, psim.TextWrapped)
 
     def _buttons(self, *rows):
+        """Draws buttons that fill a line: rows (label, function, tooltip), red if a writer follows
+        that is at work.
+        """
         gap = psim.GetStyle().ItemSpacing[0]
-        widths = [psim.CalcTextSize(label.split("###")[0])[0] for label, _, _ in rows]
+        widths = [psim.CalcTextSize(label)[0] for label, *_ in rows]
         rest = psim.GetContentRegionAvail()[0] - gap * (len(rows) - 1) - sum(widths)
-        for place, (label, act, tooltip) in enumerate(rows):
+        for place, (label, act, tooltip, *writer) in enumerate(rows):
             if place:
                 psim.SameLine()
-            if psim.Button(label, (widths[place] + rest / len(rows), 0)):
-                act()
+            with widgets.styled({"Button": widgets.RUNNING} if any(writer) else None):
+                if psim.Button(label, (widths[place] + rest / len(rows), 0)):
+                    act()
             tell(tooltip)
 
     def _draw_save(self):
@@ -342,9 +346,10 @@ class Panel:
         rows = []
         for name, one in RUNNING.items():
             if name != "recording" or not self.viewer.isReplay:
-                label = f"{'Stop' if name in outputs.writers else one.label}###{name}"
-                tooltip = f"{one.tooltip} ({one.ending} in out/)"
-                rows.append((label, partial(outputs.toggle, name), tooltip))
+                writer, tooltip = outputs.writers.get(name), f"{one.tooltip} ({one.ending} in out/)"
+                if writer is not None:
+                    tooltip = f"Stop, and save {writer.path.name}"
+                rows.append((one.label, partial(outputs.toggle, name), tooltip, writer))
         self._buttons(*rows)
 
     def _draw_settings(self):
@@ -428,7 +433,9 @@ class Panel:
 
     def _draw_times(self):
         rows, rate = self.viewer.timings, psim.GetIO().Framerate
-        psim.Text(f"{rate:.0f} frames per second\nms per step, of the last steps:")
+        psim.Text(f"{rate:.0f} frames per second")
+        if rows:
+            psim.Text("ms per step, of the last steps:")
         for name in dict.fromkeys(name for row in rows for name in row):
             mean = 1e3 * fmean(row.get(name, 0.0) for row in rows)
             psim.Text(f"{mean:.2f}  {PHASES.get(name, name)}")

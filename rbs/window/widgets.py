@@ -14,10 +14,10 @@ import polyscope.imgui as psim
 from rbs.scenes.messages import one_line
 
 # Colours: of what is secondary, of the heads of sections and the chosen row of a list, of the light
-# while a file is written, and of the present step on the timeline.
+# and the button of a file that is being written, and of the present step on the timeline.
 WEAK_TEXT = (0.68, 0.70, 0.72)
 HEAD, HEAD_HOVERED, ACTION = (0.29, 0.31, 0.33), (0.36, 0.38, 0.40), (0.19, 0.40, 0.31)
-LIGHT, MARK = (1.0, 0.25, 0.2), (0.55, 0.80, 0.70)
+LIGHT, RUNNING, MARK = (1.0, 0.25, 0.2), (0.65, 0.16, 0.13), (0.55, 0.80, 0.70)
 # Pixels, of a list with a description beside each name: indent of these, width, height.
 LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
 # Pixels between a field and its label.
@@ -77,7 +77,8 @@ def panel(
     flags = reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{name}") for name in names))
     colours = {"WindowBg": (*PANEL_COLOUR, alpha), "PopupBg": PANEL_COLOUR}
     colours |= {"Header": HEAD, "HeaderHovered": HEAD_HOVERED, "HeaderActive": HEAD_HOVERED}
-    colours |= {"Button": ACTION, "TextDisabled": WEAK_TEXT, "SliderGrab": (0.20, 0.42, 0.36)}
+    colours |= {"Button": ACTION, "TitleBgActive": ACTION, "TitleBg": HEAD}
+    colours |= {"TextDisabled": WEAK_TEXT, "SliderGrab": (0.20, 0.42, 0.36)}
     colours |= {"SliderGrabActive": (0.24, 0.50, 0.42), "Border": (0.55, 0.57, 0.60)}
     colours["ResizeGrip"] = (0.0, 0.0, 0.0, 0.0)  # an edge is easier to drag
     sizes = {"FramePadding": tuple(map(scaled, PADDING)), "ScrollbarSize": scaled(SCROLLBAR_WIDTH)}
