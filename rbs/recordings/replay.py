@@ -8,9 +8,10 @@ Units: metres, kilograms, seconds.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from itertools import groupby
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,9 +24,6 @@ from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
 from rbs.stepping.reports import Contact
 from rbs.stepping.settings import Settings
-
-if TYPE_CHECKING:
-    from typing import Self  # since Python 3.11
 
 # Settings that no longer exist, with the value that old recordings may give them.
 GONE = (("closingOnly", False),)
@@ -47,7 +45,7 @@ class RecordedSettings(Settings):
         return isinstance(other, Settings) and vars(self) == vars(other)
 
 
-class Replay(Scene):
+class Replay(Scene, AbstractContextManager):
     """A recording with the interface of a simulation.
 
     Attributes, besides those of `Scene`: recording; firstStep, lastStep. Settings, bodies and
@@ -129,9 +127,6 @@ class Replay(Scene):
     def close(self) -> None:
         """Closes the recording's file, after which only the present step can be used."""
         self.recording.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self.close()

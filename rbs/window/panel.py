@@ -518,7 +518,7 @@ class Panel:
         viewer, simulation, history = self.viewer, self.viewer.simulation, self.viewer.history
         if writers := viewer.outputs.writers.values():
             widgets.draw_patch(widgets.LIGHT, ", ".join(one.path.name for one in writers))
-            tell("\n".join(str(one.summary(simulation)[1]) for one in writers))
+            tell("\n".join(one.summary() for one in writers))
             psim.SameLine()
         ends = history.axis[0].stepCount, history.axis[-1].stepCount
         left = psim.GetCursorPos()[0]

@@ -36,8 +36,7 @@ def scaled(pixels):
 
 def packed(colour):
     """Returns an RGB colour as ImGui's number: opacity, blue, green, red."""
-    red, green, blue = (round(255 * part) for part in colour[:3])
-    return 0xFF << 24 | blue << 16 | green << 8 | red
+    return psim.ColorConvertFloat4ToU32((*colour, 1.0))
 
 
 @contextmanager
