@@ -9,7 +9,14 @@ from contextlib import contextmanager
 import numpy as np
 import polyscope as ps
 
-from rbs.appearance.camera import VIEW_DIRECTION, Camera, frame_camera, framed_points, main_boxes
+from rbs.appearance.camera import (
+    VIEW_DIRECTION,
+    Camera,
+    are_seen,
+    frame_camera,
+    framed_points,
+    main_boxes,
+)
 from rbs.appearance.drawables import BOX_CORNERS
 from rbs.pictures.backends import clip_drawing
 from rbs.scenes.files import atomic_write
@@ -140,10 +147,7 @@ class Viewpoint:
     def come_back(self):
         """Takes the first view again if the present one shows nothing of the scene."""
         places = self._view.poses[:3, self._together()].T
-        pixels = present_camera().pixels(places, self._windowSize)
-        left, top, right, bottom = self._room()
-        ends = np.subtract(self._windowSize, (right, bottom))
-        if not ((pixels > (left, top)) & (pixels < ends)).all(axis=1).any():
+        if not are_seen(places, present_camera(), self._windowSize, self._room()).any():
             self.stay()
             self._set(self._first)
 

@@ -47,8 +47,7 @@ def spring_impulse(mesh, point, target, timeStep):
     stiffness, damping = mesh.mass * omega**2, 2.0 * mesh.mass * omega
     arm = np.asarray(point) - mesh.position[0]
     velocity = mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm)
-    x, y, z = arm
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = np.cross(np.eye(3), arm)
     response = mesh.invMass * np.eye(3) - cross @ mesh.get_rotated_inv_IT() @ cross
     softness = 1.0 / (timeStep * (damping + timeStep * stiffness))
     error = np.asarray(point) - target
