@@ -433,15 +433,18 @@ class Glass:
         if (beside := self.viewer.simulation.beside) is None:
             return
         found, meshes = beside.difference, beside.ours.meshes
-        lines = [beside.remark] * bool(beside.remark)
+        if beside.remark:
+            psim.TextWrapped(beside.remark)
         if found is None:
-            lines.append("No difference from the reference so far.")
-        else:
-            lines += [f"Hint: {in_words(found.hint)}"] * bool(found.hint)
-            told = found.lines(meshes, ("the reference", "yours"), FEW_DIGITS)
-            lines += [f"First difference, in step {found.step}:", *told[: 1 + MOST_DIFFERENCES]]
-        psim.TextWrapped("\n".join(lines))
-        if found is not None and psim.Button("Show the difference"):
+            return psim.TextWrapped("No difference from the reference so far.")
+        told = found.lines(meshes, ("the reference", "yours"), FEW_DIGITS)[: 1 + MOST_DIFFERENCES]
+        parts = {"Hint": [in_words(found.hint)], f"First difference: step {found.step}": told}
+        for title, lines in parts.items():
+            if any(lines):
+                psim.SeparatorText(title)
+                for line in lines:
+                    psim.TextWrapped(line)
+        if psim.Button("Show the difference"):
             self.show_difference(found)
 
     def _draw_rows(self):
