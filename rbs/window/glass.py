@@ -15,7 +15,7 @@ from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.mistakes import mistake_in
 from rbs.glass.terms import IMPULSES, terms, unit, values
 from rbs.glass.trace import NOTHING, deviations, heading, labels, shown
-from rbs.scenes.messages import PREFIXES, counted, measured, prefix_of
+from rbs.scenes.messages import counted, measured
 from rbs.stepping.reports import GROUND
 from rbs.window import widgets
 from rbs.window.marks import WindowInk
@@ -477,14 +477,10 @@ class Glass:
         contacts = enumerate(() if report is None else report.contacts, 1)
         own = [(number, c) for number, c in contacts if picked in (c.body1, c.body2)]
         own.sort(key=lambda row: -abs(row[1].impulse))
-        if not own:
-            return psim.TextDisabled(counted(0, "contact"))
-        most = own[0][1].impulse
-        scale = PREFIXES[prefix := prefix_of(abs(most))]
-        psim.TextDisabled(f"{counted(len(own), 'contact')}; impulse in {prefix}N s")
+        psim.TextDisabled(counted(len(own), "contact"))
         for number, one in own[:LISTED_CONTACTS]:
-            other = one.body2 if one.body1 == picked else one.body1
-            (name,) = labels([other], meshes)
-            value = widgets.fixed_digits(one.impulse / scale, most / scale)
-            if widgets.draw_row(f"{name}###contact {number}", value):
+            (name,) = labels([one.body2 if one.body1 == picked else one.body1], meshes)
+            row = f"{measured(one.impulse, 'N s')}: {name}"
+            if psim.Selectable(f"{row}###contact {number}"):
                 self.show_contact(number)
+            widgets.tell(f"Normal impulse, {row}")

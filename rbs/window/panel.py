@@ -532,8 +532,8 @@ class Panel:
             isMoved, step = psim.SliderInt("###axis", simulation.stepCount, *ends, "")
         if history.gap is not None:
             widgets.draw_gap((np.array(history.gap) - ends[0]) / (ends[1] - ends[0]))
-        if isMoved and (place := history.place_of(step)) != history.place:
-            viewer.seek(place)
+        if isMoved:
+            viewer.seek_step(step)
         psim.SameLine()
         psim.Text(f"{ends[1]}")
 

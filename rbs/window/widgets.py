@@ -127,27 +127,6 @@ def draw_columns(texts):
             psim.SameLine()
 
 
-def draw_row(label, value):
-    """Draws a row of a list: a text, shortened if it is too long, and a value at the right. Returns
-    whether it was clicked.
-    """
-    name, _, identity = label.partition("###")
-    left, room = psim.GetCursorPos()[0], psim.GetContentRegionAvail()[0]
-    wide = psim.CalcTextSize(value)[0]
-    while len(name) > 1 and psim.CalcTextSize(name)[0] > room - wide - scaled(2 * GAP):
-        name = name[:-2] + "…"
-    isClicked = psim.Selectable(f"{name}###{identity}")
-    psim.SameLine(left + room - wide)
-    psim.Text(value)
-    return isClicked
-
-
-def fixed_digits(value, largest):
-    """Returns a number as text, with as many decimals as give the largest three digits."""
-    digits = 0 if abs(largest) >= 100 else 1 if abs(largest) >= 10 else 2
-    return f"{value:.{digits}f}"
-
-
 def draw_gap(ends):
     """Blanks out the last slider between two fractions of its length, between which is nothing."""
     (left, top), (right, bottom) = psim.GetItemRectMin(), psim.GetItemRectMax()

@@ -298,7 +298,7 @@ def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
     assert find_scene("b", "own").resolve() == find_scene("b-scene.txt", "own").resolve() == beside
     assert find_scene("~/own/b-scene.txt", "/") == find_scene("~/own/b-scene.txt") == beside
     (sceneFolder / "own" / "r\u200b.h5").touch()  # not printable, nor would the window take all
-    assert [one.name for one in list_files(beside.parent)][:2] == ["b", "r .h5"]
+    assert [name for _, name, *_ in list_files(beside.parent)][:2] == ["b", "r .h5"]
 
 
 # The least triangulation of the projective plane: every edge belongs to two triangles, and yet
