@@ -49,8 +49,8 @@ SLIDER_ENDS |= {"timeStep": (0.001, 0.05), "substeps": (1, 32)}
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # Fraction of the chosen speed that counts as reached. Beyond real time, no shortfall is shown.
 REACHED = 0.9
-# Shown until something has been done.
-HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
+# Shown in place of the timeline until something has been done.
+HINT = "H shows all keys · Ctrl + drag throws a body · B shoots"
 # Names in lists of choices where the option's own name says too little; short names of overlays.
 CHOICES = {"impulse": "basic step", "soft-step": "soft step", "all": "all pairs"}
 CHOICES |= {"sequential": "in order"}
@@ -523,6 +523,9 @@ class Panel:
         ends = history.axis[0].stepCount, history.axis[-1].stepCount
         left = psim.GetCursorPos()[0]
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s")
+        if len(history.axis) == 1 and not viewer.isReplay:
+            psim.SameLine(0.0, 4 * scaled(widgets.GAP))
+            return psim.TextDisabled(HINT)
         psim.SameLine(left + psim.CalcTextSize(f"step {ends[1]}0, {ends[1]}.00 s")[0])
         psim.Text(f"{ends[0]}")
         psim.SameLine()
@@ -542,10 +545,9 @@ class Panel:
             self.isHelpShown = draw_help(self.keys, ps.get_window_size())
 
     def _draw_message(self):
-        """Draws the message, or at first a hint, and notes what it covers."""
-        viewer, (left, top, width, _) = self.viewer, self.picture
-        isFresh = not viewer.isReplay and len(viewer.history.axis) == 1
-        text, self._banner = viewer.message or HINT * isFresh, 0
+        """Draws the message, and notes what it covers."""
+        text, (left, top, width, _) = self.viewer.message, self.picture
+        self._banner = 0
         if text:
             sizes = (width, 0), (width, scaled(200))
             with widgets.panel("Message", (left, top), *sizes, "NoInputs", alpha=0.9):
