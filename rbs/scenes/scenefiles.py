@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from rbs.geometry.triples import floats
 from rbs.scenes.files import RECORDING_ENDINGS, LineReader, SceneError, check_path, read_text
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file, warn_of_shape
-from rbs.scenes.messages import PROGRAM_NAME, check_kind, did_you_mean, short
+from rbs.scenes.messages import PROGRAM_NAME, check_kind, did_you_mean, measured, short
 from rbs.scenes.state import inertias_of, set_inertia
 from rbs.stepping.constraints import constraint_table
 from rbs.stepping.meshes import STATE_WIDTHS
@@ -347,7 +347,8 @@ def _warn_of_shape(name, mesh, stacklevel):
     warn_of_shape(name, mesh, stacklevel + 1)
     size = np.ptp(mesh.origVertices, axis=0).max()
     if not mesh.isFixed and (mesh.mass > HUGE_MASS or size > HUGE_SIZE):
-        cause = f"{name} is {size:.3g} m long, has {mesh.mass:.2g} kg and will seem to fall slowly"
+        mass = measured(mesh.mass / 1e3, "t")
+        cause = f"{name} is {size:.3g} m long, has {mass} and will seem to fall slowly"
         remedy = "if its file is in millimetres, scale=0.001 in the scene or in load_body helps"
         warnings.warn(f"{cause}; {remedy}", stacklevel=stacklevel + 1)
 

@@ -38,13 +38,9 @@ class Running(NamedTuple):
 
 # By name, with which the files' names begin.
 RUNNING = {
-    "video": Running("Video", "Film what is seen, until the next click", ".mp4", Film),
-    "page": Running(
-        "Page", "Write a page that plays the run, until the next click", ".html", PageWriter
-    ),
-    "recording": Running(
-        "Record", "Record the run and what you do to it, until the next click", ".h5", Recorder
-    ),
+    "video": Running("Video", "Film what is seen", ".mp4", Film),
+    "page": Running("Page", "Write a page that plays the run", ".html", PageWriter),
+    "recording": Running("Record", "Record the run and what you do to it", ".h5", Recorder),
 }
 
 

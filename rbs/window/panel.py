@@ -20,7 +20,7 @@ from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import FRONT, SIDE, TOP, present_camera
 from rbs.recordings.lookup import list_files
 from rbs.scenes.files import interrupts_held
-from rbs.scenes.messages import counted, one_line, print_error, short, shown_path
+from rbs.scenes.messages import counted, measured, one_line, print_error, short, shown_path
 from rbs.scenes.settingtexts import TEXTS
 from rbs.window import widgets
 from rbs.window.glass import Glass
@@ -346,8 +346,8 @@ class Panel:
         rows = []
         for name, one in RUNNING.items():
             if name != "recording" or not self.viewer.isReplay:
-                writer, tooltip = outputs.writers.get(name), f"{one.tooltip} ({one.ending} in out/)"
-                if writer is not None:
+                tooltip = f"{one.tooltip} until the next click ({one.ending} in out/)"
+                if writer := outputs.writers.get(name):
                     tooltip = f"Stop, and save {writer.path.name}"
                 rows.append((one.label, partial(outputs.toggle, name), tooltip, writer))
         self._buttons(*rows)
@@ -448,7 +448,8 @@ class Panel:
         viewer, view = self.viewer, self.viewer.view
         mesh, hand = view.picked_mesh, viewer.hand
         psim.SeparatorText(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
-        mass = f"{mesh.mass / 1e3:.4g} t" if mesh.mass >= 1e3 else f"{mesh.mass:.4g} kg"
+        isHeavy = mesh.mass >= 1e3
+        mass = measured(mesh.mass / 1e3, "t", 4) if isHeavy else measured(mesh.mass, "kg", 4)
         psim.TextWrapped(f"mass {mass}, density {mesh.density:g} kg/m³")
         for name, row in (
             ("centre (m)", mesh.position),
