@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from rbs.recordings.recording import Recording, is_recording_name
+from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay
 from rbs.scenes.messages import one_line
-from rbs.scenes.scenefiles import DATA_FOLDER, find_scene, list_scenes, scene_name
+from rbs.scenes.scenefiles import DATA_FOLDER, find_scene, is_recording, list_scenes, scene_name
 from rbs.scenes.settingtexts import apply_settings, note_recommended
 from rbs.scenes.simulation import SceneSimulation
 
@@ -73,7 +73,7 @@ def list_files(folder):
     listed = {name: (BESIDE, name, "", path) for name, path in named}
     # none if the folder has been removed
     for path in sorted(filter(Path.is_file, folder.glob("*"))):
-        if is_recording_name(path):
+        if is_recording(path):
             name = one_line(path.name)
             listed[name] = (BESIDE, name, "a recording", path)
     for group, lines in [*SCENES.items(), ("other scenes", dict.fromkeys(ours, ""))]:
@@ -121,7 +121,7 @@ class SceneOpener:
         Raises SceneError or RecordingError.
         """
         path = find_scene(text, folder)
-        if is_recording_name(path):
+        if is_recording(path):
             return Replay(Recording(path), self.submitted)
         simulation = self.simulation(path)
         note_recommended(simulation)

@@ -43,7 +43,7 @@ import numpy as np
 
 import rbs
 from rbs.recordings.outputs import FileWriter
-from rbs.scenes.files import RECORDING_ENDINGS, check_readable, interrupts_held, named_errors
+from rbs.scenes.files import check_readable, interrupts_held, named_errors
 from rbs.scenes.messages import InputError, import_optional, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import COLUMNS, STATE_NAMES, STATE_WIDTH, Change, arrays_of, changes_since
@@ -77,11 +77,6 @@ LAST_SERIES = {"solverIndex": ("<i8", 3), "times": ("<f8",)}
 PENDING_BYTES, SPARE_BYTES = 1 << 20, 1 << 20
 # Characters, the most that are quoted of a library's message about a damaged file.
 QUOTE_LENGTH = 80
-
-
-def is_recording_name(path):
-    """Returns whether a path has the ending of a recording."""
-    return Path(path).suffix.lower() in RECORDING_ENDINGS
 
 
 class RecordingError(InputError):

@@ -302,7 +302,7 @@ def find_scene(text, folder=None):
     Raises SceneError, naming similar scenes in data/, if nothing is found.
     """
     path = Path(os.path.expanduser(text))
-    if folder is None and path.suffix.lower() in RECORDING_ENDINGS:
+    if folder is None and is_recording(path):
         remedy = "--replay shows it, and Simulation.open opens it in Python"
         raise SceneError(text, None, f"a recording, not a scene; {remedy}")
     places = [path]
@@ -334,6 +334,11 @@ def find_constraints(scenePath):
 def is_mesh(name):
     """Returns whether the name of a file has the ending of a mesh file."""
     return name.lower().endswith(MESH_ENDINGS)
+
+
+def is_recording(path):
+    """Returns whether the name of a file has the ending of a recording."""
+    return Path(path).suffix.lower() in RECORDING_ENDINGS
 
 
 def scene_name(path):

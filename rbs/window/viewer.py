@@ -110,8 +110,7 @@ class Viewer:
 
     def leave_event(self):
         """Shows the present state instead of a moment within the last step."""
-        if self.view.highlight is not None:
-            self.view.show_event(None)
+        self.view.show_event(None)
 
     @contextmanager
     def changing(self, topic=None, startsOver=False):
