@@ -8,10 +8,9 @@ Units: metres, kilograms, seconds.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from itertools import groupby
 from operator import itemgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +23,9 @@ from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
 from rbs.stepping.reports import Contact
 from rbs.stepping.settings import Settings
+
+if TYPE_CHECKING:
+    from typing import Self  # since Python 3.11
 
 # Settings that no longer exist, with the value that old recordings may give them.
 GONE = (("closingOnly", False),)
@@ -45,7 +47,7 @@ class RecordedSettings(Settings):
         return isinstance(other, Settings) and vars(self) == vars(other)
 
 
-class Replay(Scene, AbstractContextManager):
+class Replay(Scene):
     """A recording with the interface of a simulation.
 
     Attributes, besides those of `Scene`: recording; firstStep, lastStep. Settings, bodies and
@@ -127,6 +129,9 @@ class Replay(Scene, AbstractContextManager):
     def close(self) -> None:
         """Closes the recording's file, after which only the present step can be used."""
         self.recording.close()
+
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(self, *error: object) -> None:
         self.close()
