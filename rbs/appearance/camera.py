@@ -146,7 +146,7 @@ def frame_still(meshes, size):
     # points seen by two cameras are seen from between them, too; the bodies stay near the middle
     for share in np.linspace(0.0, 1.0, 9):
         camera = near.towards(far, share)
-        if are_seen(shadows, camera, size, [rim * side for side in (*size, *size)]):
+        if are_seen(shadows, camera, size, [rim * side for side in (*size, *size)]).all():
             break
     return camera
 
@@ -211,11 +211,9 @@ def pile_rim(meshes):
 
 
 def are_seen(points, camera, size, margins):
-    """Whether a Camera sees all points (n, 3) in a picture, within margins (left, top, ...)."""
-    left, top, right, bottom = margins
-    x, y = camera.pixels(points, size).T  # NaN is not seen
-    isInside = (x > left) & (x < size[0] - right) & (y > top) & (y < size[1] - bottom)
-    return bool(isInside.all())
+    """Whether a Camera sees points (n, 3) in a picture, within margins (left, top, ...): (n,)."""
+    pixels = camera.pixels(points, size)  # NaN is not seen
+    return ((pixels > margins[:2]) & (pixels < np.subtract(size, margins[2:]))).all(axis=1)
 
 
 def frame_camera(points, direction, angle, size, margins=(0, 0, 0, 0)):
@@ -226,7 +224,8 @@ def frame_camera(points, direction, angle, size, margins=(0, 0, 0, 0)):
         by panels at the left, top, right and bottom
     """
     backward = np.divide(direction, np.linalg.norm(direction))
-    right, up, _ = Camera.looking(backward, np.zeros(3), angle).axes
+    facing = Camera.looking(backward, np.zeros(3), angle)
+    right, up, _ = facing.axes
     middle = (np.min(points, axis=0) + np.max(points, axis=0)) / 2.0
     arms = points - middle
     # A camera at (X, Z), with z towards it, sees a point (x, z) if -(Z - z) s ≤ x - X ≤ (Z - z) t,
@@ -235,7 +234,7 @@ def frame_camera(points, direction, angle, size, margins=(0, 0, 0, 0)):
     depths = arms @ backward
     width, height = size
     left, top, rightMargin, bottom = margins
-    perPixel = 2.0 * math.tan(math.radians(angle) / 2.0) / height
+    perPixel = facing.pixel_angle(size)
     sides = []
     for axis, low, high in (
         (right, width / 2.0 - left, width / 2.0 - rightMargin),

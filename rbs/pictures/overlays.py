@@ -146,6 +146,7 @@ class Overlays:
         self._contacts = [] if report is None else report.contacts
         points = [meshes[c.body1].position[0] + c.arm for c in self._contacts]
         self._contactPoints = np.array(points).reshape(-1, 3)
+        self._contactNormals = np.array([c.normal for c in self._contacts]).reshape(-1, 3)
 
     @overlay(
         "contacts",
@@ -154,8 +155,7 @@ class Overlays:
         ofContacts=True,
     )
     def _normals(self):
-        normals = np.array([contact.normal for contact in self._contacts]).reshape(-1, 3)
-        arrows = -NORMAL_LENGTH * self.longestArrow * normals
+        arrows = -NORMAL_LENGTH * self.longestArrow * self._contactNormals
         return Arrows(self._contactPoints, arrows, colours.NORMAL_COLOUR)
 
     def _scaled(self, arrows):
@@ -178,9 +178,10 @@ class Overlays:
         ofContacts=True,
     )
     def _normal_impulses(self):
-        normals = np.array([c.normal for c in self._contacts]).reshape(-1, 3)
         # body 1 receives the opposite of the impulse on body 2
-        arrows = -normals * np.array([c.impulse for c in self._contacts]).reshape(-1, 1)
+        arrows = -self._contactNormals * np.array([c.impulse for c in self._contacts]).reshape(
+            -1, 1
+        )
         return Arrows(self._contactPoints, self._scaled(arrows), colours.IMPULSE_COLOUR)
 
     @overlay(

@@ -9,7 +9,14 @@ from contextlib import contextmanager
 import numpy as np
 import polyscope as ps
 
-from rbs.appearance.camera import VIEW_DIRECTION, Camera, frame_camera, framed_points, main_boxes
+from rbs.appearance.camera import (
+    VIEW_DIRECTION,
+    Camera,
+    are_seen,
+    frame_camera,
+    framed_points,
+    main_boxes,
+)
 from rbs.appearance.drawables import BOX_CORNERS
 from rbs.pictures.backends import clip_drawing
 from rbs.scenes.files import atomic_write
@@ -75,13 +82,15 @@ class Viewpoint:
     """The camera of a SceneView. In the window, it moves only when it is asked to."""
 
     def __init__(self, view):
-        self._view, self._isGoing = view, False  # to an event
+        self._view = view
+        self.stay()
         # pixels covered by panels at the left, top, right and bottom; the box outside which nothing
         # is drawn, or None
         self._margins, self._clipBox, self._windowSize = np.zeros(4), None, ps.get_window_size()
 
     def restart(self):
         """Takes the first view of a scene, with room for what falls and swings."""
+        self.stay()
         simulation = self._view.simulation
         points = framed_points(simulation.meshes, simulation.constraints)
         self._extent = points.min(axis=0), points.max(axis=0)
@@ -125,8 +134,8 @@ class Viewpoint:
         """Points the camera at an event, or else the selected body, or else all that belong
         together, from a direction, by default the present one.
         """
-        view, self._isGoing = self._view, False
-        points = view.event_points()
+        self.stay()
+        view, points = self._view, self._view.event_points()
         if points is None and view.picked is not None:
             middle = view.poses[:3, view.picked]
             points = middle + AROUND_BODY * (view.vertices_of(view.picked) - middle)
@@ -138,20 +147,24 @@ class Viewpoint:
     def come_back(self):
         """Takes the first view again if the present one shows nothing of the scene."""
         places = self._view.poses[:3, self._together()].T
-        pixels = present_camera().pixels(places, self._windowSize)
-        left, top, right, bottom = self._room()
-        ends = np.subtract(self._windowSize, (right, bottom))
-        if not ((pixels > (left, top)) & (pixels < ends)).all(axis=1).any():
-            self._isGoing = False
+        if not are_seen(places, present_camera(), self._windowSize, self._room()).any():
+            self.stay()
             self._set(self._first)
 
     def go_to_event(self):
         """Begins to move to the event that the view shows, in the present direction."""
-        self._isGoing = True
+        self._isGoing, self._left = True, self._left or present_camera()
 
     def stay(self):
-        """Ends the move to an event."""
-        self._isGoing = False
+        """Ends the move to an event, and stays, since a hand moves the camera."""
+        # whether the camera moves to an event; where it was before the first event, or None
+        self._isGoing, self._left = False, None
+
+    def leave_events(self):
+        """Goes back to where the camera was before the events."""
+        if self._left is not None:
+            self._set(self._left)
+        self.stay()
 
     def move(self, seconds):
         """Moves the camera gently towards an event, until it is there or `stay` is called.

@@ -33,7 +33,7 @@ def save(outputs, simulation, isWhole):
     for name, writer in list(outputs.writers.items()):
         with outputs.reporting(name):
             writer.save(simulation, isWhole)
-            show("{:<17} {}".format(*writer.summary(simulation)))
+            show(f"{writer.label:<17} {writer.summary()}")
 
 
 def show(text="", end="\n", flush=False):

@@ -112,10 +112,8 @@ class Video(FileWriter):
                 self._frames.throw(KeyboardInterrupt)
         super().close()
 
-    def summary(self, simulation):
-        """Returns name and text of its row in the summary of a run."""
-        text = f"{counted(self.count, 'frame')} at {self.rate:.4g} fps"
-        return self.label, f"{shown_path(self.path)}: {text}"
+    def summary(self):
+        return f"{shown_path(self.path)}: {counted(self.count, 'frame')} at {self.rate:.4g} fps"
 
 
 class PictureSeries(Writer):
@@ -139,6 +137,5 @@ class PictureSeries(Writer):
             self._draw(self.path / f"frame_{simulation.stepCount:06d}.png")
             self.count += 1
 
-    def summary(self, simulation):
-        """Returns name and text of its row in the summary of a run."""
-        return self.label, f"{self.count} in {shown_path(self.path)}"
+    def summary(self):
+        return f"{self.count} in {shown_path(self.path)}"

@@ -1,12 +1,11 @@
 """The scenes in data/, those and recordings in a folder, and opening them."""
 
 from pathlib import Path
-from typing import NamedTuple
 
-from rbs.recordings.recording import Recording, is_recording_name
+from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay
 from rbs.scenes.messages import one_line
-from rbs.scenes.scenefiles import DATA_FOLDER, find_scene, list_scenes, scene_name
+from rbs.scenes.scenefiles import DATA_FOLDER, find_scene, is_recording, list_scenes, scene_name
 from rbs.scenes.settingtexts import apply_settings, note_recommended
 from rbs.scenes.simulation import SceneSimulation
 
@@ -62,32 +61,24 @@ SCENES = {
 BESIDE = "beside this scene"
 
 
-class ListedFile(NamedTuple):
-    """A file in the window's list: heading, name, a line about it, path."""
-
-    group: str
-    name: str
-    line: str
-    path: Path
-
-
 def list_files(folder):
     """Returns the scenes and recordings in a folder, and the scenes in data/.
 
-    The result is a list of ListedFile, group by group, in which each name occurs once.
+    The result is a list of (heading, name, a line about it, path), group by group, in which each
+    name occurs once.
     """
     folder, ours = Path(folder), {scene_name(path): path for path in list_scenes(DATA_FOLDER)}
     scenes = list_scenes(folder) if folder.resolve() != DATA_FOLDER.resolve() else []
     named = [(one_line(scene_name(path)), path) for path in scenes]
-    listed = {name: ListedFile(BESIDE, name, one_line(path.name), path) for name, path in named}
+    listed = {name: (BESIDE, name, "", path) for name, path in named}
     # none if the folder has been removed
     for path in sorted(filter(Path.is_file, folder.glob("*"))):
-        if is_recording_name(path):
+        if is_recording(path):
             name = one_line(path.name)
-            listed[name] = ListedFile(BESIDE, name, "a recording", path)
+            listed[name] = (BESIDE, name, "a recording", path)
     for group, lines in [*SCENES.items(), ("other scenes", dict.fromkeys(ours, ""))]:
         for name in filter(ours.__contains__, lines):
-            listed.setdefault(name, ListedFile(group, name, lines[name], ours[name]))
+            listed.setdefault(name, (group, name, lines[name], ours[name]))
     return list(listed.values())
 
 
@@ -130,7 +121,7 @@ class SceneOpener:
         Raises SceneError or RecordingError.
         """
         path = find_scene(text, folder)
-        if is_recording_name(path):
+        if is_recording(path):
             return Replay(Recording(path), self.submitted)
         simulation = self.simulation(path)
         note_recommended(simulation)

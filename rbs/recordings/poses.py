@@ -63,11 +63,6 @@ class PoseWriter(FileWriter):
         self._times.append(simulation.time)
         self._states.append((index, state["positions"], state["orientations"], colours))
 
-    @property
-    def count(self):
-        """The number of states so far."""
-        return len(self._times)
-
     def times(self):
         """Returns the times (T,) since the first state, in s, growing in any case."""
         return np.abs(np.diff(self._times, prepend=self._times[0])).cumsum()
@@ -81,14 +76,15 @@ class PoseWriter(FileWriter):
         """
         if not self.meshes:
             raise OutputError("there is nothing to export: the run has no bodies")
-        isThere = np.zeros((self.count, len(self.meshes)), dtype=bool)
+        count = len(self._times)
+        isThere = np.zeros((count, len(self.meshes)), dtype=bool)
         tables = [np.zeros((*isThere.shape, width)) for width in (3, 4, 3)]
         for t, (index, *rows) in enumerate(self._states):
             isThere[t, index] = True
             for table, row in zip(tables, rows, strict=True):
                 table[t, index] = row
-        span = np.stack([isThere.argmax(axis=0), self.count - 1 - isThere[::-1].argmax(axis=0)])
-        at = np.clip(np.arange(self.count)[:, None], *span), np.arange(len(self.meshes))
+        span = np.stack([isThere.argmax(axis=0), count - 1 - isThere[::-1].argmax(axis=0)])
+        at = np.clip(np.arange(count)[:, None], *span), np.arange(len(self.meshes))
         positions, orientations, colours = (table[at] for table in tables)
         return positions, continuous(orientations), colours, span
 
@@ -116,10 +112,9 @@ class PoseWriter(FileWriter):
         span = np.array(list(self._links.values()), dtype=np.intp).reshape(-1, 2).T
         return ends[:, :, 0], np.array(points).reshape(-1, 2, 3), span
 
-    def summary(self, simulation):
-        """Returns name and text of its row in the summary of a run."""
+    def summary(self):
         steps = counted(abs(self._steps[-1] - self._steps[0]), "step")
-        return self.label, f"{shown_path(self.path)}: {steps}, real time"
+        return f"{shown_path(self.path)}: {steps}, real time"
 
 
 def corner_table(mesh):

@@ -32,7 +32,7 @@ import math
 import time
 from bisect import bisect_left, bisect_right
 from collections import Counter
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import asdict, replace
 from functools import lru_cache
 from hashlib import sha256
@@ -43,7 +43,7 @@ import numpy as np
 
 import rbs
 from rbs.recordings.outputs import FileWriter
-from rbs.scenes.files import RECORDING_ENDINGS, check_readable, interrupts_held, named_errors
+from rbs.scenes.files import check_readable, interrupts_held, named_errors
 from rbs.scenes.messages import InputError, import_optional, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import COLUMNS, STATE_NAMES, STATE_WIDTH, Change, arrays_of, changes_since
@@ -79,11 +79,6 @@ PENDING_BYTES, SPARE_BYTES = 1 << 20, 1 << 20
 QUOTE_LENGTH = 80
 
 
-def is_recording_name(path):
-    """Returns whether a path has the ending of a recording."""
-    return Path(path).suffix.lower() in RECORDING_ENDINGS
-
-
 class RecordingError(InputError):
     """A recording that cannot be used or written. The message reads "file: cause"."""
 
@@ -100,17 +95,17 @@ class Recorder(FileWriter):
     """
 
     label, needsEachStep, package = "recording", True, "h5py"
-    _open = {}  # by the path of the file that it writes
+    running = {}  # by the path of the file that each writes
 
     def __init__(self, path):
         """Creates the file. Raises OSError, naming `path`, RecordingError, or OutputError."""
         super().__init__(path)
         self._file, self.count, self._lastFlush = None, 0, 0.0
-        if self.target in self._open:
+        if self.target in self.running:
             raise RecordingError(f"{path}: it is being recorded already")
         self.begin()
         self._file = self.module.File(self.partial, "w", libver=HDF5_VERSION)
-        self._open[self.target] = self
+        self.running[self.target] = self
         # rows of each dataset: the numbers of those written, and those still to be written
         self._ends, self._solverEnd, self._room, self._most = Counter(), 0, 0, PENDING_BYTES
         self._states, self._pending = [], {name: [] for name in SERIES | LAST_SERIES}
@@ -210,7 +205,7 @@ class Recorder(FileWriter):
         finally:
             self._file.close()
             self._file = None
-            del self._open[self.target]
+            del self.running[self.target]
         with open(self.partial, "rb+") as file:
             file.truncate(int.from_bytes(file.read(LENGTH_BYTES.stop)[LENGTH_BYTES], "little"))
 
@@ -225,12 +220,6 @@ class Recorder(FileWriter):
 
     def kept(self):
         return f"steps {self._firstStep} to {self._nextStep - 1}"
-
-    @classmethod
-    def close_all(cls):
-        """Ends recordings that are open as the program ends, such as in a suspended generator."""
-        for one in list(cls._open.values()):
-            one.close()
 
     def _begin(self, simulation):
         """Writes the scene and the settings, and creates the datasets of the states."""
@@ -325,10 +314,14 @@ class Recorder(FileWriter):
         self._pending["solverIndex"].append([(step, begin, self._solverEnd)])
 
 
-atexit.register(Recorder.close_all)
+@atexit.register
+def close_all():
+    """Ends recordings that are open as the program ends, such as in a suspended generator."""
+    for one in list(Recorder.running.values()):
+        one.close()
 
 
-class Recording:
+class Recording(AbstractContextManager):
     """A recording, read state by state; it is never in memory as a whole.
 
     path, firstStep, lastStep
@@ -373,9 +366,6 @@ class Recording:
     def close(self):
         """Closes the file, after which nothing can be read."""
         self._file.close()
-
-    def __enter__(self):
-        return self
 
     def __exit__(self, *error):
         self.close()

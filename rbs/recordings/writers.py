@@ -10,8 +10,8 @@ from rbs.recordings.encoder import CODECS, Video
 from rbs.recordings.gltf import GltfWriter
 from rbs.recordings.outputs import StatsWriter
 from rbs.recordings.page import PageWriter
-from rbs.recordings.recording import RECORDING_ENDINGS, Recorder
-from rbs.scenes.files import check_ending
+from rbs.recordings.recording import Recorder
+from rbs.scenes.files import RECORDING_ENDINGS, check_ending
 
 
 class Output(NamedTuple):

@@ -59,9 +59,9 @@ class Writer:
     def close(self):
         """Ends an output that was not saved. Does nothing after `save`."""
 
-    def summary(self, simulation):
-        """Returns name and text of its row in the summary of a run."""
-        return self.label, str(shown_path(self.path))
+    def summary(self):
+        """Returns the text of its row in the summary of a run, beside its label."""
+        return str(shown_path(self.path))
 
 
 class Scene(Energies):

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from rbs.geometry.triples import floats
 from rbs.scenes.files import RECORDING_ENDINGS, LineReader, SceneError, check_path, read_text
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file, warn_of_shape
-from rbs.scenes.messages import PROGRAM_NAME, check_kind, did_you_mean, short
+from rbs.scenes.messages import PROGRAM_NAME, check_kind, did_you_mean, measured, short
 from rbs.scenes.state import inertias_of, set_inertia
 from rbs.stepping.constraints import constraint_table
 from rbs.stepping.meshes import STATE_WIDTHS
@@ -302,7 +302,7 @@ def find_scene(text, folder=None):
     Raises SceneError, naming similar scenes in data/, if nothing is found.
     """
     path = Path(os.path.expanduser(text))
-    if folder is None and path.suffix.lower() in RECORDING_ENDINGS:
+    if folder is None and is_recording(path):
         remedy = "--replay shows it, and Simulation.open opens it in Python"
         raise SceneError(text, None, f"a recording, not a scene; {remedy}")
     places = [path]
@@ -336,6 +336,11 @@ def is_mesh(name):
     return name.lower().endswith(MESH_ENDINGS)
 
 
+def is_recording(path):
+    """Returns whether the name of a file has the ending of a recording."""
+    return Path(path).suffix.lower() in RECORDING_ENDINGS
+
+
 def scene_name(path):
     """Returns the name of a scene: its file's name without the ending."""
     name = Path(path).name
@@ -347,7 +352,8 @@ def _warn_of_shape(name, mesh, stacklevel):
     warn_of_shape(name, mesh, stacklevel + 1)
     size = np.ptp(mesh.origVertices, axis=0).max()
     if not mesh.isFixed and (mesh.mass > HUGE_MASS or size > HUGE_SIZE):
-        cause = f"{name} is {size:.3g} m long, has {mesh.mass:.2g} kg and will seem to fall slowly"
+        mass = measured(mesh.mass / 1e3, "t")
+        cause = f"{name} is {size:.3g} m long, has {mass} and will seem to fall slowly"
         remedy = "if its file is in millimetres, scale=0.001 in the scene or in load_body helps"
         warnings.warn(f"{cause}; {remedy}", stacklevel=stacklevel + 1)
 

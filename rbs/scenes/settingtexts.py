@@ -62,6 +62,11 @@ TEXTS = {
             "how bouncy: the fraction of the approach speed that is returned, 0 to 1. With 1, "
             "bodies slowly gain energy, unless --solver soft-step is used",
         ),
+        SettingText(
+            "friction",
+            "coefficient of friction between bodies and with the ground. Only --solver soft-step "
+            "slows a box that spins flat on another",
+        ),
         SettingText("timeStep", "simulated seconds per step", label="time step (s)"),
         SettingText(
             "gravity",
@@ -74,11 +79,6 @@ TEXTS = {
             "leave out the ground y = 0",
             "no-ground",
             tooltip="let bodies collide with the ground y = 0",
-        ),
-        SettingText(
-            "friction",
-            "coefficient of friction between bodies and with the ground. Only --solver soft-step "
-            "slows a box that spins flat on another",
         ),
         SettingText(
             "contactSolver",

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from difflib import get_close_matches
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -20,7 +19,7 @@ from rbs.geometry.triples import shown_value
 from rbs.glass.mistakes import mistake_in
 from rbs.glass.model import in_world_axes
 from rbs.glass.trace import Difference, first_difference, labels, same, state_difference
-from rbs.scenes.messages import check_kind, counted
+from rbs.scenes.messages import check_kind, counted, did_you_mean
 from rbs.scenes.scene import Scene
 from rbs.scenes.scenefiles import BodySource, SceneSource, check_shape, scene_name
 from rbs.scenes.state import STATE_NAMES, State, removed_from, rows_of, set_numbers, without_body
@@ -307,11 +306,11 @@ def check_attributes(meshes):
 
 def no_attribute(what, name, known):
     """Returns a line that says that there is no attribute of a name, and which one was meant."""
-    meant, near = MEANT.get(name), get_close_matches(name, known, 1)
+    meant = MEANT.get(name)
     if setting := SETTINGS.get(name) or BY_PARAMETER.get(name):
         meant = f"settings.change({setting.name!r}, ...)"
-    meant = meant or " or ".join(near)
-    return f"{what} has no attribute {name}" + f"; did you mean {meant}?" * bool(meant)
+    remedy = f"; did you mean {meant}?" if meant else did_you_mean(name, known)
+    return f"{what} has no attribute {name}{remedy}"
 
 
 def index_of(body, meshes):

@@ -14,8 +14,8 @@ from rbs.appearance.shading import poses_of
 from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.mistakes import mistake_in
 from rbs.glass.terms import IMPULSES, terms, unit, values
-from rbs.glass.trace import deviations, heading, labels, shown
-from rbs.scenes.messages import PREFIXES, counted, prefix_of
+from rbs.glass.trace import NOTHING, deviations, heading, labels, shown
+from rbs.scenes.messages import counted, measured
 from rbs.stepping.reports import GROUND
 from rbs.window import widgets
 from rbs.window.marks import WindowInk
@@ -70,10 +70,11 @@ TOLD = {
     "the ground": "The body is {d} deep in the ground. n points from body 1 to body 2; the "
     "coursework passes −d and −n, to the same effect.",
     Kind.CORRECTION: "The bodies are moved apart by the depth, {d}, each by its share w.",
-    Kind.IMPULSE: "The bodies {before} along n. The impulse changes {changes}: now they {after}.",
+    Kind.IMPULSE: "The bodies {before} along n. The impulse changes {changes}.",
     "sticks": "The contact slides at {u·t} along t. Friction stops this, and changes {changes}.",
     "slides": "The contact slides at {u·t} along t. Friction reaches its limit μj, and changes "
     "{changes}.",
+    "rests": "The contact does not slide. Friction changes {changes}.",
     "holds": "The distance of the points is within its bound: nothing is corrected.",
     "violated": "The distance of the points is wrong by {C}. They are moved until C = 0, and the "
     "impulse λ changes {changes}.",
@@ -104,25 +105,39 @@ def formulas(event):
     return [one for one in lines if one and not any(text in one for text in still)]
 
 
+def size_of(value, symbol):
+    """Returns the length of a symbol's value, 0 if it is rounding, and this with its unit."""
+    size = float(np.linalg.norm(value))
+    size *= size > NOTHING
+    return size, measured(size, unit(symbol))
+
+
 def sentence(event):
     """Returns what an event did, and why."""
     found, key = values(event), event.kind
-    lengths = {s: f"{np.linalg.norm(v):.3g} {unit(s)}" for s, v in found.items() if s != "result"}
+    lengths = {s: size_of(v, s)[1] for s, v in found.items() if s != "result"}
+    changes = [
+        f"{name} by {told}"
+        for k, state in enumerate(event.before, 1)
+        for name in (f"v{k}", f"ω{k}")
+        if state.invMass and f"{name}′" in found
+        for size, told in [size_of(found[f"{name}′"] - found[name], name)]
+        if size
+    ]
+    lengths["changes"] = ", ".join(changes) or "nothing"
     if key in (Kind.FRICTION, Kind.CONSTRAINT):
         key = found["result"].split()[-1]
+        key = "rests" if event.kind == Kind.FRICTION and not size_of(found["u·t"], "")[0] else key
     elif key == Kind.CONTACT and event.bodies[1] == GROUND:
         key = "the ground"
     elif key == Kind.IMPULSE:
         ends = found["u·n"], float(terms(event._replace(before=event.after))["u·n"])
         for name, u in zip(("before", "after"), ends, strict=True):
-            lengths[name] = f"{'separate' if u < 0.0 else 'approach'} at {abs(u):.3g} m/s"
-    changes = [
-        f"{name} by {math.hypot(*(found[f'{name}′'] - found[name])):.3g} {unit(name)}"
-        for k, state in enumerate(event.before, 1)
-        for name in (f"v{k}", f"ω{k}")
-        if state.invMass and f"{name}′" in found
-    ]
-    text = TOLD[key].format_map(lengths | {"changes": ", ".join(changes)})
+            size, told = size_of(u, "u·n")
+            way = "separate" if u < 0.0 else "approach"
+            lengths[name] = f"{way} at {told}" if size else "neither approach nor separate"
+        lengths["changes"] += f": now they {lengths['after']}" * bool(changes)
+    text = TOLD[key].format_map(lengths)
     isPulled = key == Kind.IMPULSE and found["u·n"] < 0.0 < -found["j"]
     return text + " The coursework applies the impulse whatever the sign of u·n." * isPulled
 
@@ -153,9 +168,11 @@ class Glass:
         return bool(self.events)
 
     def close(self):
-        """Shows the present state again."""
+        """Shows the present state again, from where the camera was before the events."""
         self.events = None
-        self.viewer.leave_event()
+        if self.viewer.view.highlight is not None:
+            self.viewer.leave_event()
+            self.viewer.view.viewpoint.leave_events()
 
     def follow(self):
         """Closes if something else has changed the present state, or shows it."""
@@ -261,7 +278,9 @@ class Glass:
             speeds["u′"] = values(event._replace(before=event.after))["u"]
         fastest = max(map(np.linalg.norm, speeds.values()), default=0.0) or 1.0
         for name, u in speeds.items():
-            arrows[name] = point, VELOCITY_SHARE * longest / fastest * u, colours.VELOCITY_COLOUR
+            if size_of(u, "u")[0]:  # rounding has no direction
+                arrow = VELOCITY_SHARE * longest / fastest * u
+                arrows[name] = point, arrow, colours.VELOCITY_COLOUR
         for k, end, before, after in zip("12", points, event.before, event.after, strict=False):
             if f"r{k}" in found and before.invMass:
                 arrows[f"r{k}"] = end - found[f"r{k}"], found[f"r{k}"], colours.BOX_COLOUR
@@ -382,7 +401,13 @@ class Glass:
         if self.events:
             back = "Shift + E: the previous event, or the last one"
             rows.insert(0, ("Back", partial(self.go, -1), back))
-            rows.append(("Close", self.close, "Escape: back to the bodies after the step"))
+            rows.append(
+                (
+                    "Close",
+                    self.close,
+                    "Escape: back to the bodies after the step, and to where the camera was",
+                )
+            )
         for name, act, tooltip in rows:
             if psim.Button(f"{name}###event {name}"):
                 act()
@@ -408,15 +433,18 @@ class Glass:
         if (beside := self.viewer.simulation.beside) is None:
             return
         found, meshes = beside.difference, beside.ours.meshes
-        lines = [beside.remark] * bool(beside.remark)
+        if beside.remark:
+            psim.TextWrapped(beside.remark)
         if found is None:
-            lines.append("No difference from the reference so far.")
-        else:
-            lines += [f"Hint: {in_words(found.hint)}"] * bool(found.hint)
-            told = found.lines(meshes, ("the reference", "yours"), FEW_DIGITS)
-            lines += [f"First difference, in step {found.step}:", *told[: 1 + MOST_DIFFERENCES]]
-        psim.TextWrapped("\n".join(lines))
-        if found is not None and psim.Button("Show the difference"):
+            return psim.TextWrapped("No difference from the reference so far.")
+        told = found.lines(meshes, ("the reference", "yours"), FEW_DIGITS)[: 1 + MOST_DIFFERENCES]
+        parts = {"Hint": [in_words(found.hint)], f"First difference: step {found.step}": told}
+        for title, lines in parts.items():
+            if any(lines):
+                psim.SeparatorText(title)
+                for line in lines:
+                    psim.TextWrapped(line)
+        if psim.Button("Show the difference"):
             self.show_difference(found)
 
     def _draw_rows(self):
@@ -449,14 +477,10 @@ class Glass:
         contacts = enumerate(() if report is None else report.contacts, 1)
         own = [(number, c) for number, c in contacts if picked in (c.body1, c.body2)]
         own.sort(key=lambda row: -abs(row[1].impulse))
-        if not own:
-            return
-        most = own[0][1].impulse
-        scale = PREFIXES[prefix := prefix_of(abs(most))]
-        psim.TextDisabled(f"{counted(len(own), 'contact')}; impulse in {prefix}N s")
+        psim.TextDisabled(counted(len(own), "contact"))
         for number, one in own[:LISTED_CONTACTS]:
-            other = one.body2 if one.body1 == picked else one.body1
-            (name,) = labels([other], meshes)
-            value = widgets.fixed_digits(one.impulse / scale, most / scale)
-            if widgets.draw_row(f"{name}###contact {number}", value):
+            (name,) = labels([one.body2 if one.body1 == picked else one.body1], meshes)
+            row = f"{measured(one.impulse, 'N s')}: {name}"
+            if psim.Selectable(f"{row}###contact {number}"):
                 self.show_contact(number)
+            widgets.tell(f"Normal impulse, {row}")

@@ -47,8 +47,7 @@ def spring_impulse(mesh, point, target, timeStep):
     stiffness, damping = mesh.mass * omega**2, 2.0 * mesh.mass * omega
     arm = np.asarray(point) - mesh.position[0]
     velocity = mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm)
-    x, y, z = arm
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = np.cross(np.eye(3), arm)
     response = mesh.invMass * np.eye(3) - cross @ mesh.get_rotated_inv_IT() @ cross
     softness = 1.0 / (timeStep * (damping + timeStep * stiffness))
     error = np.asarray(point) - target
@@ -98,10 +97,6 @@ class Hand:
     def __init__(self, viewer):
         self._viewer, self.grab = viewer, None
         self._pixel = self._distance = None  # of the dragged point, and its depth
-
-    def _act(self, act, *given):
-        with self._viewer.changing():
-            act(*given)
 
     def _may_change(self):
         self._viewer.message = UNCHANGEABLE if self._viewer.isReplay else ""
@@ -158,7 +153,8 @@ class Hand:
             viewer.message = f"Limit of {MOST_SHOTS} balls reached; R removes them"
         else:
             ball = shot(simulation.meshes, viewer.view.size, *viewer.view.aim(pixel))
-            self._act(simulation.add, ball)
+            with viewer.changing():
+                simulation.add(ball)
 
     def pick_at(self, pixel):
         """Selects the body at a pixel, or none."""
@@ -169,9 +165,9 @@ class Hand:
     def push(self, direction):
         """Pushes the selected body along a unit direction (3,), at the clicked point."""
         viewer, view = self._viewer, self._viewer.view
-        viewer.leave_event()
         impulse = view.picked_mesh.mass * PUSH_SPEED * np.asarray(direction)
-        self._act(view.picked_mesh.push, impulse, view.picked_point())
+        with viewer.changing():
+            view.picked_mesh.push(impulse, view.picked_point())
 
     def set_fixed(self, isFixed):
         """Fixes or frees the selected body; so is ours beside a student's."""

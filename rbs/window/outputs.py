@@ -38,7 +38,7 @@ class Running(NamedTuple):
 
 # By name, with which the files' names begin.
 RUNNING = {
-    "video": Running("Video", "Film until Stop", ".mp4", Film),
+    "video": Running("Video", "Film what is seen", ".mp4", Film),
     "page": Running("Page", "Write a page that plays the run", ".html", PageWriter),
     "recording": Running("Record", "Record the run and what you do to it", ".h5", Recorder),
 }

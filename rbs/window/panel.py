@@ -20,7 +20,7 @@ from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import FRONT, SIDE, TOP, present_camera
 from rbs.recordings.lookup import list_files
 from rbs.scenes.files import interrupts_held
-from rbs.scenes.messages import counted, one_line, print_error, short, shown_path
+from rbs.scenes.messages import counted, measured, one_line, print_error, short, shown_path
 from rbs.scenes.settingtexts import TEXTS
 from rbs.window import widgets
 from rbs.window.glass import Glass
@@ -49,8 +49,8 @@ SLIDER_ENDS |= {"timeStep": (0.001, 0.05), "substeps": (1, 32)}
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # Fraction of the chosen speed that counts as reached. Beyond real time, no shortfall is shown.
 REACHED = 0.9
-# Shown until something has been done.
-HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
+# Shown in place of the timeline until something has been done.
+HINT = "H shows all keys · Ctrl + drag throws a body · B shoots"
 # Names in lists of choices where the option's own name says too little; short names of overlays.
 CHOICES = {"impulse": "basic step", "soft-step": "soft step", "all": "all pairs"}
 CHOICES |= {"sequential": "in order"}
@@ -322,14 +322,18 @@ class Panel:
                     widgets.draw_patch(colour, text, psim.TextWrapped)
 
     def _buttons(self, *rows):
+        """Draws buttons that fill a line: rows (label, function, tooltip), red if a writer follows
+        that is at work.
+        """
         gap = psim.GetStyle().ItemSpacing[0]
-        widths = [psim.CalcTextSize(label.split("###")[0])[0] for label, _, _ in rows]
+        widths = [psim.CalcTextSize(label)[0] for label, *_ in rows]
         rest = psim.GetContentRegionAvail()[0] - gap * (len(rows) - 1) - sum(widths)
-        for place, (label, act, tooltip) in enumerate(rows):
+        for place, (label, act, tooltip, *writer) in enumerate(rows):
             if place:
                 psim.SameLine()
-            if psim.Button(label, (widths[place] + rest / len(rows), 0)):
-                act()
+            with widgets.styled({"Button": widgets.RUNNING} if any(writer) else None):
+                if psim.Button(label, (widths[place] + rest / len(rows), 0)):
+                    act()
             tell(tooltip)
 
     def _draw_save(self):
@@ -342,9 +346,10 @@ class Panel:
         rows = []
         for name, one in RUNNING.items():
             if name != "recording" or not self.viewer.isReplay:
-                label = f"{'Stop' if name in outputs.writers else one.label}###{name}"
-                tooltip = f"{one.tooltip} ({one.ending} in out/)"
-                rows.append((label, partial(outputs.toggle, name), tooltip))
+                tooltip = f"{one.tooltip} until the next click ({one.ending} in out/)"
+                if writer := outputs.writers.get(name):
+                    tooltip = f"Stop, and save {writer.path.name}"
+                rows.append((one.label, partial(outputs.toggle, name), tooltip, writer))
         self._buttons(*rows)
 
     def _draw_settings(self):
@@ -428,7 +433,9 @@ class Panel:
 
     def _draw_times(self):
         rows, rate = self.viewer.timings, psim.GetIO().Framerate
-        psim.Text(f"{rate:.0f} frames per second\nms per step, of the last steps:")
+        psim.Text(f"{rate:.0f} frames per second")
+        if rows:
+            psim.Text("ms per step, of the last steps:")
         for name in dict.fromkeys(name for row in rows for name in row):
             mean = 1e3 * fmean(row.get(name, 0.0) for row in rows)
             psim.Text(f"{mean:.2f}  {PHASES.get(name, name)}")
@@ -441,7 +448,8 @@ class Panel:
         viewer, view = self.viewer, self.viewer.view
         mesh, hand = view.picked_mesh, viewer.hand
         psim.SeparatorText(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
-        mass = f"{mesh.mass / 1e3:.4g} t" if mesh.mass >= 1e3 else f"{mesh.mass:.4g} kg"
+        isHeavy = mesh.mass >= 1e3
+        mass = measured(mesh.mass / 1e3, "t", 4) if isHeavy else measured(mesh.mass, "kg", 4)
         psim.TextWrapped(f"mass {mass}, density {mesh.density:g} kg/m³")
         for name, row in (
             ("centre (m)", mesh.position),
@@ -511,11 +519,14 @@ class Panel:
         viewer, simulation, history = self.viewer, self.viewer.simulation, self.viewer.history
         if writers := viewer.outputs.writers.values():
             widgets.draw_patch(widgets.LIGHT, ", ".join(one.path.name for one in writers))
-            tell("\n".join(str(one.summary(simulation)[1]) for one in writers))
+            tell("\n".join(one.summary() for one in writers))
             psim.SameLine()
         ends = history.axis[0].stepCount, history.axis[-1].stepCount
         left = psim.GetCursorPos()[0]
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s")
+        if len(history.axis) == 1 and not viewer.isReplay:
+            psim.SameLine(0.0, 4 * scaled(widgets.GAP))
+            return psim.TextDisabled(HINT)
         psim.SameLine(left + psim.CalcTextSize(f"step {ends[1]}0, {ends[1]}.00 s")[0])
         psim.Text(f"{ends[0]}")
         psim.SameLine()
@@ -525,8 +536,8 @@ class Panel:
             isMoved, step = psim.SliderInt("###axis", simulation.stepCount, *ends, "")
         if history.gap is not None:
             widgets.draw_gap((np.array(history.gap) - ends[0]) / (ends[1] - ends[0]))
-        if isMoved and (place := history.place_of(step)) != history.place:
-            viewer.seek(place)
+        if isMoved:
+            viewer.seek_step(step)
         psim.SameLine()
         psim.Text(f"{ends[1]}")
 
@@ -535,10 +546,9 @@ class Panel:
             self.isHelpShown = draw_help(self.keys, ps.get_window_size())
 
     def _draw_message(self):
-        """Draws the message, or at first a hint, and notes what it covers."""
-        viewer, (left, top, width, _) = self.viewer, self.picture
-        isFresh = not viewer.isReplay and len(viewer.history.axis) == 1
-        text, self._banner = viewer.message or HINT * isFresh, 0
+        """Draws the message, and notes what it covers."""
+        text, (left, top, width, _) = self.viewer.message, self.picture
+        self._banner = 0
         if text:
             sizes = (width, 0), (width, scaled(200))
             with widgets.panel("Message", (left, top), *sizes, "NoInputs", alpha=0.9):

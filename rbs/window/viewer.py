@@ -110,8 +110,7 @@ class Viewer:
 
     def leave_event(self):
         """Shows the present state instead of a moment within the last step."""
-        if self.view.highlight is not None:
-            self.view.show_event(None)
+        self.view.show_event(None)
 
     @contextmanager
     def changing(self, topic=None, startsOver=False):
@@ -242,16 +241,13 @@ class Viewer:
         """
         self.message = ""
         try:
-            ending = Path(path).suffix.lower()
+            ending, scene = Path(path).suffix.lower(), self.simulation.scenePath
             if ending == ".json":
-                apply_camera(load_camera(os.path.expanduser(path)))
-            elif ending == ".py":
+                return apply_camera(load_camera(os.path.expanduser(path)))
+            if ending == ".py":
                 self._opener.take_functions(Path(path).parent, FUNCTION_SECONDS)
-                scene = self.simulation.scenePath
-                self._show_other(self._opener.open(scene, scene.parent), self.view.rebuild)
-            else:
-                other = self._opener.open(path, self.simulation.scenePath.parent)
-                self._show_other(other, self.view.rebuild)
+            other = self._opener.open(scene if ending == ".py" else path, scene.parent)
+            self._show_other(other, self.view.rebuild)
         except ValueError as error:
             self.message = str(error)
         except (OSError, MemoryError) as error:

@@ -14,10 +14,10 @@ import polyscope.imgui as psim
 from rbs.scenes.messages import one_line
 
 # Colours: of what is secondary, of the heads of sections and the chosen row of a list, of the light
-# while a file is written, and of the present step on the timeline.
+# and the button of a file that is being written, and of the present step on the timeline.
 WEAK_TEXT = (0.68, 0.70, 0.72)
 HEAD, HEAD_HOVERED, ACTION = (0.29, 0.31, 0.33), (0.36, 0.38, 0.40), (0.19, 0.40, 0.31)
-LIGHT, MARK = (1.0, 0.25, 0.2), (0.55, 0.80, 0.70)
+LIGHT, RUNNING, MARK = (1.0, 0.25, 0.2), (0.65, 0.16, 0.13), (0.55, 0.80, 0.70)
 # Pixels, of a list with a description beside each name: indent of these, width, height.
 LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
 # Pixels between a field and its label.
@@ -36,8 +36,7 @@ def scaled(pixels):
 
 def packed(colour):
     """Returns an RGB colour as ImGui's number: opacity, blue, green, red."""
-    red, green, blue = (round(255 * part) for part in colour[:3])
-    return 0xFF << 24 | blue << 16 | green << 8 | red
+    return psim.ColorConvertFloat4ToU32((*colour, 1.0))
 
 
 @contextmanager
@@ -77,7 +76,8 @@ def panel(
     flags = reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{name}") for name in names))
     colours = {"WindowBg": (*PANEL_COLOUR, alpha), "PopupBg": PANEL_COLOUR}
     colours |= {"Header": HEAD, "HeaderHovered": HEAD_HOVERED, "HeaderActive": HEAD_HOVERED}
-    colours |= {"Button": ACTION, "TextDisabled": WEAK_TEXT, "SliderGrab": (0.20, 0.42, 0.36)}
+    colours |= {"Button": ACTION, "TitleBgActive": ACTION, "TitleBg": HEAD}
+    colours |= {"TextDisabled": WEAK_TEXT, "SliderGrab": (0.20, 0.42, 0.36)}
     colours |= {"SliderGrabActive": (0.24, 0.50, 0.42), "Border": (0.55, 0.57, 0.60)}
     colours["ResizeGrip"] = (0.0, 0.0, 0.0, 0.0)  # an edge is easier to drag
     sizes = {"FramePadding": tuple(map(scaled, PADDING)), "ScrollbarSize": scaled(SCROLLBAR_WIDTH)}
@@ -125,27 +125,6 @@ def draw_columns(texts):
         psim.Text(text)
         if k < len(texts):
             psim.SameLine()
-
-
-def draw_row(label, value):
-    """Draws a row of a list: a text, shortened if it is too long, and a value at the right. Returns
-    whether it was clicked.
-    """
-    name, _, identity = label.partition("###")
-    left, room = psim.GetCursorPos()[0], psim.GetContentRegionAvail()[0]
-    wide = psim.CalcTextSize(value)[0]
-    while len(name) > 1 and psim.CalcTextSize(name)[0] > room - wide - scaled(2 * GAP):
-        name = name[:-2] + "…"
-    isClicked = psim.Selectable(f"{name}###{identity}")
-    psim.SameLine(left + room - wide)
-    psim.Text(value)
-    return isClicked
-
-
-def fixed_digits(value, largest):
-    """Returns a number as text, with as many decimals as give the largest three digits."""
-    digits = 0 if abs(largest) >= 100 else 1 if abs(largest) >= 10 else 2
-    return f"{value:.{digits}f}"
 
 
 def draw_gap(ends):

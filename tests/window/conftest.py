@@ -36,7 +36,7 @@ def open_panel(polyscope, monkeypatch, tmp_path):
         views.append(SceneView(simulation))
         panel = Panel(Viewer(simulation, views[-1], SceneOpener(isBasic=isBasic)))
         views[-1].set_callback(panel.frame)
-        for _ in range(3):  # until the height of the hint is known
+        for _ in range(3):  # until all panels have their sizes
             polyscope.frame_tick()
         return panel
 

@@ -1,5 +1,7 @@
 """The window's step under glass: events one by one, what the picture shows of them, and clicks."""
 
+import re
+
 import numpy as np
 import pytest
 from hands import Hands, bits_of, make_steps
@@ -9,9 +11,12 @@ from studentVariants import write_submission
 from rbs.glass.events import Kind
 from rbs.glass.terms import values
 from rbs.glass.trace import deviations
+from rbs.pictures.viewpoint import apply_camera, present_camera
 from rbs.program.submittedsteps import SubmittedSteps
+from rbs.scenes import shapes
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
+from rbs.window.glass import sentence
 
 
 @pytest.fixture
@@ -88,6 +93,39 @@ def test_bodies_are_as_after_the_event_and_arrows_as_in_the_formula(open_at):
                 assert np.allclose(point + (name == "r2") * arrow, found["p"])
     assert {"n", "r2", "u", "u′", "j on 2", "f on 2", "COM2"} <= names
     assert np.array_equal(poses, np.hstack([state["positions"], state["orientations"]]).T)
+
+
+def test_what_is_nothing_is_neither_told_nor_drawn(open_panel):
+    """Boxes that fall side by side do not move relative to each other. Forces are in MN."""
+    for settings, kinds, height in (
+        ({}, {Kind.IMPULSE, Kind.FRICTION}, 9.0),
+        ({"contactSolver": "soft-step"}, {Kind.POINT}, 0.5),
+    ):
+        boxes = [shapes.box((1, 1, 1), 1e6, (x, height, 0)) for x in (0, 1)]
+        settings = Settings(friction=0.5, **settings)
+        panel = open_panel(SceneSimulation.from_meshes(boxes, settings=settings))
+        make_steps(panel.viewer, 1)
+        panel.glass.go()
+        told = {event.kind: sentence(event) for event in panel.glass.events}
+        assert kinds <= told.keys() and not re.search(r"\b0 (m|rad)/s|e[+-]\d", str(told))
+        for place in range(len(panel.glass.events)):
+            panel.glass.show(place)
+            arrows = panel.viewer.view.highlight.arrows.values()
+            assert all(np.linalg.norm(arrow) > 1e-9 for _, arrow, _ in arrows)
+
+
+def test_the_camera_goes_back_after_the_events_unless_a_hand_moved_it(open_at):
+    panel = open_at("slide", 41)
+    viewpoint, before = panel.viewer.view.viewpoint, present_camera()
+    for isMoved in (False, True):
+        panel.glass.go()
+        panel.glass.go()
+        apply_camera(before.moved(np.ones(3)))
+        if isMoved:
+            viewpoint.stay()
+        panel.glass.close()
+        eye = before.eye + isMoved * np.ones(3)
+        assert np.allclose(present_camera().eye, eye, atol=1e-4)
 
 
 @pytest.mark.parametrize(
