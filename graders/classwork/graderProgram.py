@@ -37,8 +37,8 @@ VERSIONS = (
 def run_grader(description, grader):
     """Runs a grader's command line; returns the exit code."""
     parser = make_parser(description, seconds=10)
-    text = "grade RBSFunctions.py and Quaternion.py in this folder (default: the project's own)"
-    parser.add_argument("--modules", metavar="DIR", help=text)
+    text = "grade the modules in this folder or ZIP (default: the project's own)"
+    parser.add_argument("--modules", metavar="CODE", help=text)
 
     def main(arguments):
         data = grader.load(arguments.data, arguments.seed)

@@ -84,7 +84,7 @@ def print_table(rows):
         note = one_line("".join(notes[:1]))
         note = re.sub(r"^[^:]*: (hint: )?(?=.)", "", note) if isGraded else note
         note = short(note, limit=NOTE_WIDTH) + f" (+{len(notes) - 1})" * (len(notes) > 1)
-        passed = row["passed"] if isGraded else "refused"
+        passed = row["passed"] if isGraded else row["state"]
         table.append((row["submission"], row["total"], passed, row["largest error"], note))
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for row in table:

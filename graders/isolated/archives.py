@@ -161,7 +161,11 @@ def read(handIn):
 
 def read_submission(path):
     """Reads a path that is one submission; returns its HandIn. Raises SubmissionError."""
-    handIn = HandIn(find_submissions([path])[0].name, _without_file(path).resolve())
+    found = find_submissions([path])
+    some = [one for one in found if _is_zip(one.path) or _has_code(one.path, "**/*.py")]
+    if len(some) > 1:
+        raise SubmissionError(f"{path}: holds {len(some)} submissions, such as {some[0].path.name}")
+    handIn = HandIn(found[0].name, _without_file(path).resolve())
     read(handIn)
     if handIn.problem:
         raise SubmissionError(f"{path}: {handIn.problem}")

@@ -90,7 +90,7 @@ def test_a_scene_that_differs_fails(tmp_path, run):
     assert (graded.returncode, graded.stderr) == (1, "") and "0 of 1 pass" in graded.stdout
     (row,) = rows_in(tmp_path / "out" / "marks.csv")["frozen"]
     assert row["failed"] == "scene mixed" and row["passed"] == "36 of 36"
-    assert row["notes"].startswith("scene mixed: step 43: resolve_collision: changes isFixed of")
+    assert row["notes"].startswith("scene mixed: step 43: resolve_collision: isFixed of cyl")
     assert float(row["total"]) < float(row["of"]) == 45
 
 
@@ -127,7 +127,7 @@ def test_two_mistakes_are_found_together():
 
 IMPULSE = "    # velocities\n"
 LAST = "    m1.update_vertices()\n    m2.update_vertices()\n"
-SHAPE = "the mesh's position has shape \\(3, 3\\) where 3 numbers are expected"
+SHAPE = "the mesh's position has shape \\(3, 3\\) instead of 3 numbers"
 FAULTS = (
     (IMPULSE, "    raise ValueError('so\\n\\x1b[31mwrong')\n", ":{line}.*ValueError: so \\[31mwr"),
     (IMPULSE, "    raise NotImplementedError\n", "not implemented: RBSFunctions.py:{line}"),

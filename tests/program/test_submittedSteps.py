@@ -169,7 +169,7 @@ def test_their_detection_counts(tmp_path):
     assert first_difference(beside(write_more(tmp_path, never), "tower_chain")) is not None
     short, none = never.replace("False", "True"), "Mesh.get_rotated_inv_IT = lambda self: None"
     for text, name in ((short, "detect_collision"), (none, "get_rotated_inv_IT")):
-        with pytest.raises(ArithmeticError, match=f"{name} must return"):
+        with pytest.raises(ArithmeticError, match=f"{name}: .*(depth has shape|is None)"):
             first_difference(beside(write_more(tmp_path / name, text), "tower_chain"))
 
 
@@ -253,7 +253,13 @@ FAILURES = [
     (LOOP, f"{STOP}\n{LOOP}", "", 130, "RBSFunctions.py:{line} in integrate"),
     (LOOP, f"{LEAVE}\n        self.invMass *= 2\n{LOOP}", "", 3, "SystemExit: 7"),
     (LOOP, f"        self.linVelocity = 'fast'\n        return\n{LOOP}", "", 3, "of 'cylinder 0'"),
-    (LOOP, f"        self.position = self.position + 1j\n        return\n{LOOP}", "", 3, "1j"),
+    (
+        LOOP,
+        f"        self.position = self.position + 1j\n        return\n{LOOP}",
+        "",
+        3,
+        "holds complex",
+    ),
     ("def resolve_collision(", "def resolve(", "", 2, "RBSFunctions.py has no resolve_collision"),
     ("import cppyy\n", "import cppyy.gbl.nothing\n", "", 2, "RBSFunctions.py:{line}: ModuleNotF"),
     ("", "", "--friction 0.3", 2, "friction"),
