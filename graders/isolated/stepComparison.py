@@ -61,7 +61,7 @@ def states_of(meshes):
 
 def gaps_of(meshes, rows):
     """Yields the differences of our meshes, a `StateGap` each, from rows of what is told."""
-    names = [mesh.name for mesh in meshes]
+    names = [mesh.name if len(mesh.faces) else "the ground" for mesh in meshes]
     return state_gaps(meshes, [row[:-1] for row in rows], names, TOLD[:-1])
 
 

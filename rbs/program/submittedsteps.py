@@ -234,7 +234,7 @@ class SubmittedSteps(StudentFunctions):
 
     def is_turned_back(self, meshes):
         with suppress(Exception, SystemExit), at_home(self.folder):  # told where needed
-            return super().is_turned_back(meshes)
+            return super().is_turned_back(list(map(copy.copy, meshes)))  # so that none is kept
         return False
 
     def step(self, meshes, groundMesh, *, settings, **options):
