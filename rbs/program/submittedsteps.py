@@ -88,19 +88,17 @@ def judged(function):
 class StudentFunctions:
     """A student's functions as `functions` of our `run_timestep`, and their methods for its meshes.
 
-    `call`, of a subclass, makes the calls. Arguments have the shapes of the coursework's, results
-    those of ours. Raises Fault for what is no result.
+    Arguments have the shapes of the coursework's, results those of ours. Raises Fault for what is
+    no result.
+
+    A subclass has `call(name, meshes, *given, **named)`, which calls a function on meshes of theirs
+    in the state of these, or a method of the first one. These take over what it changes. It returns
+    what that returns.
     """
 
     def __init__(self, friction=None):
         """friction : the name of their parameter for friction, or None"""
         self._friction, self._Mesh = friction, mesh_class(self)
-
-    def call(self, name, meshes, *given, **named):
-        """Calls a function on meshes of theirs that have the state of these, or a method of the
-        first of them; these take over what it changes. Returns what it returns.
-        """
-        raise NotImplementedError
 
     @contextmanager
     def methods_of(self, meshes):
@@ -170,13 +168,12 @@ def mesh_class(functions):
         def detect_collision(self, m):
             if self.isFixed and m.isFixed:
                 return GJK.NO_COLLISION
-            found, sizes = functions.call(DETECT, [self, m]), list(RETURNED[DETECT].items())
+            found = functions.call(DETECT, [self, m])
             with judged(DETECT):
-                isCollision, *contact = returned(found, DETECT)
-                if not numbers(isCollision, "bool", "isCollision"):
+                isCollision, *contact = zip(returned(found, DETECT), RETURNED[DETECT], strict=True)
+                if not numbers(isCollision[0], "bool", isCollision[1]):
                     return GJK.NO_COLLISION
-                contact = zip(contact, sizes[1:], strict=True)
-                return True, *(numbers(one, size, key) for one, (key, size) in contact)
+                return True, *(numbers(one, RETURNED[DETECT][key], key) for one, key in contact)
 
     return StudentMesh
 
@@ -260,8 +257,8 @@ class SubmittedSteps(StudentFunctions):
         except BaseException as error:  # a student's function may raise anything
             raise StateError(submissions.describe(error, self.folder)) from None
         finally:
-            for mesh, inertia in zip(theirs, inertias, strict=True):
-                if report is None:
+            if report is None:
+                for mesh, inertia in zip(theirs, inertias, strict=True):
                     set_inertia(mesh, inertia)
 
     def call(self, name, meshes, *given, **named):
@@ -270,9 +267,8 @@ class SubmittedSteps(StudentFunctions):
         Each mesh of ours has one of theirs, so that attributes of the student's last until somebody
         fixes or frees it. Attributes that they leave alone are not set again.
         """
-        theirs, before = list(map(self._lent, meshes)), []
-        for own in theirs:
-            before.append([content(getattr(own, name, None)) for name in TAKEN])
+        theirs = list(map(self._lent, meshes))
+        before = [[content(getattr(own, key, None)) for key in TAKEN] for own in theirs]
         owner, *others = theirs if name in METHODS else (self._theirs, *theirs)
         found = getattr(owner, name)(*others, *map(copied, given), **named)
         for mesh, own, contents in zip(meshes, theirs, before, strict=True):
