@@ -164,7 +164,8 @@ def read_submission(path):
     found = find_submissions([path])
     some = [one for one in found if _is_zip(one.path) or _has_code(one.path, "**/*.py")]
     if len(some) > 1:
-        raise SubmissionError(f"{path}: holds {len(some)} submissions, such as {some[0].path.name}")
+        told = f"holds {len(some)} submissions; name one, such as {some[0].path.name}"
+        raise SubmissionError(f"{path}: {told}")
     handIn = HandIn(found[0].name, _without_file(path).resolve())
     read(handIn)
     if handIn.problem:

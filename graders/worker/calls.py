@@ -268,8 +268,7 @@ def answer(order, functions, quaternion, folder):
                 with result.attempt(sample, [key]):
                     if isinstance(value, Exception):
                         raise value
-                    about = [what] if what not in ("", key) else []  # the note names the key
-                    result.values[key][row] = numbers(value, shapes[key], *about)
+                    result.values[key][row] = numbers(value, shapes[key], what or key)
     values = {key: rows.tolist() for key, rows in result.values.items()}
     told = {"problems": result.problems, "remarks": list(result.remarks)}
     return {"values": values, "inertia": inertia(bodies)} | told

@@ -49,7 +49,7 @@ def returned(values, name, sizes=None):
     return values
 
 
-def numbers(value, count, what="it"):
+def numbers(value, count, what):
     """Returns a value of any shape as an array (count,); a count of "bool" means one bool.
 
     Raises NotWritten or WrongResult, with the name `what`, if the value is something else.
@@ -62,7 +62,7 @@ def numbers(value, count, what="it"):
             raise WrongResult(f"{what} holds complex numbers, where real ones are expected")
         array = array.astype(np.float64).ravel()
     except (TypeError, ValueError):
-        raise WrongResult(f"{what} is not an array of numbers: {shown_value(value)}") from None
+        raise WrongResult(f"{what} is {shown_value(value)}, not an array of numbers") from None
     if array.size != (size := 1 if count == "bool" else count):
         told = f"has shape {np.shape(value)} instead of {counted(size, 'number')}"
         raise WrongResult(f"{what} {told}")

@@ -142,15 +142,15 @@ def test_an_error_is_reported_with_its_line_and_the_rest_is_graded(fault):
     lines = edited((old, new))[FUNCTIONS].splitlines()
     (line,) = [k for k, text in enumerate(lines, start=1) if new.strip() in text]
     grade, notes = collision_notes([(old, new)])
-    assert grade.failures
+    assert grade.wrong
     assert any(re.search(expected.format(line=line), note) for note in notes), notes
     right = [one.name for one in grade.quantities if one.isRight]
     assert ("rotated inverse inertia" in right) == (old in (IMPULSE, LAST))
 
 
 def test_a_number_is_no_truth():
-    notes = grades_of(edited(("return True, currPositions", "return 0.5, currPositions")))[2].notes
-    assert "is 0.5, neither True nor False" in notes[0][1]
+    told = grades_of(edited(("return True, currPositions", "return 0.5, currPositions")))[2].told
+    assert told[0].startswith("positionWasValidUpper is 0.5, neither True nor False")
 
 
 def test_a_students_modules_may_have_the_names_of_ours(tmp_path, run):
