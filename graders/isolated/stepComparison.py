@@ -39,8 +39,8 @@ from rbs.stepping.meshes import STATE_WIDTHS
 from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE
 
-# What is told of a mesh; no step changes the first two.
-TOLD = "isFixed", "invMass", *STATE_WIDTHS, "currVertices"
+# What is told of a mesh; no step changes the first three.
+TOLD = "isFixed", "invMass", "invIT", *STATE_WIDTHS, "currVertices"
 SMALL = f"{INERTIA_REMARKS[False, 0]}; allowed for"
 RELEASED = "as in the coursework's released run_timestep; not counted as a difference"
 LOSES = f"run_timestep loses a corrected linVelocity, {RELEASED}"
