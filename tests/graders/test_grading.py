@@ -115,7 +115,7 @@ def assert_marks_sheets_and_results_agree(out):
 def collision_notes(edits):
     """The Grade of an edited solution in this process, and its notes as lines."""
     grade = grades_of(edited(*edits))[1]
-    return grade, [f"{what}: {text}" for what, text in grade.notes]
+    return grade, grade.told
 
 
 def test_two_mistakes_are_found_together():
