@@ -18,7 +18,7 @@ from worker.steps import BUILT, as_list
 import RBSFunctions
 from Quaternion import QRotate
 from rbs.glass.events import Kind
-from rbs.glass.mistakes import mistake_in
+from rbs.glass.mistakes import MADE_BY, mistake_in
 from rbs.glass.model import INERTIA_DIVISOR
 from rbs.glass.trace import (
     TOLERANCE,
@@ -30,7 +30,7 @@ from rbs.glass.trace import (
     state_gaps,
     term_lines,
 )
-from rbs.program.submissions import CAUSE_LENGTH, FUNCTIONS, POSITION, VELOCITY
+from rbs.program.submissions import CAUSE_LENGTH, DETECT, FUNCTIONS, TENSOR, VELOCITY
 from rbs.program.submittedsteps import Fault, StudentFunctions, state_left
 from rbs.scenes.messages import short
 from rbs.scenes.scenefiles import scene_rows
@@ -48,9 +48,7 @@ EARLY = f"run_timestep ends before the constraints hold, {RELEASED}"
 STALE = "currVertices, which are drawn, are out of date at the end of a step"
 # Steps in which a touch of no depth may be decided otherwise: more are no coincidence.
 MOST_TIES = 3
-# The function that an event, or a symbol of a constraint's formula, is computed by.
-COMPUTED_BY = {Kind.FLIGHT: "integrate_timestep", Kind.CONTACT: "detect_collision"}
-COMPUTED_BY |= dict.fromkeys((Kind.CORRECTION, Kind.IMPULSE), "resolve_collision")
+# Symbols of a constraint that the first of its functions computes.
 OF_POSITIONS = {"C", "result", "COM1′", "COM2′"}
 UP = (0.0, 1.0, 0.0)
 
@@ -267,17 +265,18 @@ class Comparison:
         if one.kind == Kind.CONTACT and GROUND not in one.bodies:
             pair = ", ".join(names[k].name for k in one.bodies)
             text = f"isCollision of {pair} is {one is not own}, not {one is own}"
-            return None if self._is_tie([one]) else (text, "detect_collision")
+            return None if self._is_tie([one]) else (text, DETECT)
         return found.lines(names)[0], "run_timestep"
 
     def _by(self, event, wrong):
         """The function that has computed these symbols of an event."""
+        functions = list(MADE_BY.get(event.kind, [DETECT]))
         if event.kind == Kind.CONSTRAINT and OF_POSITIONS & set(wrong):
-            return POSITION
+            return functions[0]
         isOfTensors = event.kind in (Kind.IMPULSE, Kind.CONSTRAINT)
         if isOfTensors and not all(map(self._is_turned, event.bodies)):
-            return "get_rotated_inv_IT"
-        return COMPUTED_BY.get(event.kind, VELOCITY)
+            return TENSOR
+        return functions[-1]
 
     def _is_turned(self, body):
         """Whether the student's tensor of a body, in world axes, is ours. Raises Fault."""
