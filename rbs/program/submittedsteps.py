@@ -1,4 +1,4 @@
-"""Time steps by a student's functions, for --functions.
+"""Time steps by a student's functions, for --functions; `StudentFunctions`, for compare.py, too.
 
 The program's own `run_timestep` makes the steps. It calls the student's methods and functions in
 place of its own; their run_timestep is not called. They work on meshes of the student's own class,
