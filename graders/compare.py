@@ -28,7 +28,7 @@ from verdict.parts import UNREADABLE
 
 from rbs.program.parsing import OneLineParser, number_type, option_type
 from rbs.program.submissions import SubmissionError
-from rbs.scenes.messages import counted, one_line, short
+from rbs.scenes.messages import InputError, counted, one_line, short
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.scenes.settingtexts import BY_OPTION
 from rbs.scenes.simulation import SceneSimulation
@@ -95,7 +95,7 @@ def main(given):
     handIn = read_submission(given.code)
     result = compare_steps(source, handIn, given, given.steps, settings, given.set, bar=True)
     if result.problem.startswith("cannot be imported"):
-        raise SubmissionError(result.problem)
+        raise InputError(f"{given.code}: {result.problem}")
     verb = "agrees" if result.steps == 1 else "agree"
     agree = f"{counted(result.steps, 'step')} {verb}; the largest relative difference is "
     agree += f"{result.largest:.1e}"

@@ -37,8 +37,8 @@ VERSIONS = (
 def run_grader(description, grader):
     """Runs a grader's command line; returns the exit code."""
     parser = make_parser(description, seconds=10)
-    text = "grade RBSFunctions.py and Quaternion.py in this folder (default: the project's own)"
-    parser.add_argument("--modules", metavar="DIR", help=text)
+    text = "grade the modules in this folder or ZIP (default: the project's own)"
+    parser.add_argument("--modules", metavar="CODE", help=text)
 
     def main(arguments):
         data = grader.load(arguments.data, arguments.seed)
@@ -57,7 +57,7 @@ def run_grader(description, grader):
             remarks += [f"modules {arguments.modules}", *told]
         grade.remarks += remarks
         print(*grade.lines(what_next(grader, grade) if arguments.modules else ()), sep="\n")
-        return FAILED if grade.failures else PASSED
+        return FAILED if grade.wrong else PASSED
 
     return run_program(parser, main)
 
@@ -69,12 +69,12 @@ NEXT |= {"ResolveCollisionsGrading": "Constraints.py", "Constraints": "compare.p
 
 def what_next(grader, grade):
     """Names what to write or correct next, a function with its marks, or else the next program."""
-    wrong = [one.part.split()[0] for one in grade.quantities if not one.isRight]
-    if not wrong:
+    if not grade.wrong:
         return [f"Next: {NEXT[grader.module]}"]
     if any(text.startswith("cannot be imported") for _names, text in grade.notes):
         return ["Next: correct what keeps RBSFunctions.py from being imported"]
-    return [f"Next: {wrong[0]}" + (f", {SCHEME[wrong[0]]} marks" if wrong[0] in SCHEME else "")]
+    function = grade.wrong[0].function
+    return [f"Next: {function}, {SCHEME[function]} marks"]
 
 
 def make_parser(description, seconds=30):

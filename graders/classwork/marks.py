@@ -49,7 +49,7 @@ def marks_of(outcome, free):
     for (name, item), one in outcome.scenes.items():
         tried.setdefault(item, []).append((f"{name}: {one.problem}", one.share))
     for quantity in (one for grade in outcome.grades.values() for one in grade.quantities):
-        tried.setdefault(quantity.part.split()[0], []).append((quantity.name, quantity.share))
+        tried.setdefault(quantity.function, []).append((quantity.name, quantity.share))
     for name, most in SCHEME.items():
         own = free.get(name, ())
         counted = [one for one in tried.get(name, ()) if one[1] == 0 or one[0] not in own]
@@ -77,7 +77,7 @@ def gradescope_of(outcome, free):
     for name, (marks, most, wrong) in given.items():
         test = {"name": name, "score": marks, "max_score": most}
         tests.append(test | {"output": f"wrong: {'; '.join(wrong)}" if wrong else "right"})
-    notes = [f"{what}: {text}" for grade in outcome.grades.values() for what, text in grade.notes]
+    notes = [text for grade in outcome.grades.values() for text in grade.told]
     results = {
         "score": round(sum(marks for marks, _most, _wrong in given.values()), 2),
         "execution_time": round(outcome.seconds),

@@ -39,8 +39,8 @@ def row_of(outcome):
     errors = [grade.largest_error for grade in grades if not math.isnan(grade.largest_error)]
     row["passed"] = f"{sum(one.isRight for one in quantities)} of {len(quantities)}"
     row["largest error"] = f"{max(errors):.1e}" if errors else "-"
-    row["failed"] = list(dict.fromkeys(one.part for one in quantities if not one.isRight))
-    row["notes"] = [f"{what}: {text}" for grade in grades for what, text in grade.notes]
+    row["failed"] = list(dict.fromkeys(one.part for grade in grades for one in grade.wrong))
+    row["notes"] = [text for grade in grades for text in grade.told]
     for (name, _item), one in outcome.scenes.items():
         row["failed"] += [f"scene {name}"] * bool(one.problem)
         row["notes"] += [f"scene {name}: {one.problem}"] * bool(one.problem)
@@ -84,7 +84,7 @@ def print_table(rows):
         note = one_line("".join(notes[:1]))
         note = re.sub(r"^[^:]*: (hint: )?(?=.)", "", note) if isGraded else note
         note = short(note, limit=NOTE_WIDTH) + f" (+{len(notes) - 1})" * (len(notes) > 1)
-        passed = row["passed"] if isGraded else "refused"
+        passed = row["passed"] if isGraded else row["state"]
         table.append((row["submission"], row["total"], passed, row["largest error"], note))
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for row in table:

@@ -65,8 +65,7 @@ def find_submissions(paths):
     for path in map(_without_file, paths):
         path = path.resolve() if path.is_symlink() else path  # the marker's own
         hasCode = _has_code(path) or _has_code(path / "code")
-        rest = [one for one in path.glob("*") if one.name != "code"]
-        more = [one for one in rest if _is_zip(one) or one.is_dir() and _has_code(one, "**/*.py")]
+        more = [one for one in path.glob("*") if one.name != "code" and _may_hold_code(one)]
         if _is_zip(path) or hasCode and len(more) < 2:
             found.append(path)
         elif path.is_dir():
@@ -112,6 +111,10 @@ def _student(path):
 
 def _has_code(folder, pattern="*.py"):
     return any(one.name.lower().startswith("rbsfunctions") for one in folder.glob(pattern))
+
+
+def _may_hold_code(path):
+    return _is_zip(path) or path.is_dir() and _has_code(path, "**/*.py")
 
 
 def _is_zip(path):
@@ -161,7 +164,12 @@ def read(handIn):
 
 def read_submission(path):
     """Reads a path that is one submission; returns its HandIn. Raises SubmissionError."""
-    handIn = HandIn(find_submissions([path])[0].name, _without_file(path).resolve())
+    found = find_submissions([path])
+    some = [one.path.name for one in found if _may_hold_code(one.path)]
+    if len(some) > 1:
+        told = f"holds {len(some)} submissions; name one, such as {some[0]}"
+        raise SubmissionError(f"{path}: {told}")
+    handIn = HandIn(found[0].name, _without_file(path).resolve())
     read(handIn)
     if handIn.problem:
         raise SubmissionError(f"{path}: {handIn.problem}")

@@ -45,7 +45,7 @@ DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
 # which the coursework supplies, and what calls the student's functions.
 SUPPLIED = {"graders/released": "rbs/released", "graders/worker": "worker"}
 SUPPLIED |= dict.fromkeys(("GJK.py", "Quaternion.py", "rbs/__init__.py", "rbs/geometry"))
-SUPPLIED |= {f"rbs/program/{name}.py": None for name in ("__init__", "submissions")}
+SUPPLIED |= {f"rbs/program/{name}.py": None for name in ("__init__", "submissions", "returned")}
 _READERS = "__init__", "messages", "files", "meshfiles"
 SUPPLIED |= {f"rbs/scenes/{name}.py": None for name in _READERS}
 WITH_ROOT = "the code had root's rights, because other users cannot reach {}; TMPDIR names another"

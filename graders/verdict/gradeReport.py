@@ -46,6 +46,10 @@ class Quantity:
     isRight: bool
     share: float
 
+    @property
+    def function(self):
+        return self.part.split()[0]
+
     def cells(self):
         if self.error is None:
             error = "-"
@@ -71,8 +75,14 @@ class Grade:
     notes: list = field(default_factory=list)
 
     @property
-    def failures(self):
-        return [quantity.name for quantity in self.quantities if not quantity.isRight]
+    def wrong(self):
+        return [one for one in self.quantities if not one.isRight]
+
+    @property
+    def told(self):
+        """The notes as texts, each of which begins with what it is about."""
+        notes = self.notes
+        return [one if one.startswith(what) else f"{what}: {one}" for what, one in notes]
 
     @property
     def largest_error(self):
@@ -81,11 +91,11 @@ class Grade:
         return max((error for error in errors if not math.isnan(error)), default=math.nan)
 
     def verdict(self):
-        count, wrong = len(self.quantities), [one for one in self.quantities if not one.isRight]
+        count, wrong = len(self.quantities), self.wrong
         if wrong:
-            parts = ", ".join(dict.fromkeys(one.part.split()[0] for one in wrong))
+            functions = ", ".join(dict.fromkeys(one.function for one in wrong))
             are = "is" if len(wrong) == 1 else "are"
-            return f"FAIL: {len(wrong)} of {count} quantities {are} wrong, of {parts}"
+            return f"FAIL: {len(wrong)} of {count} quantities {are} wrong, of {functions}"
         bound = f"{ERROR_BOUND:g}, largest error {self.largest_error:.3e}"
         return f"PASS: all {count} quantities below {bound}"
 
@@ -98,9 +108,8 @@ class Grade:
 
     def lines(self, *blocks):
         """Returns the report: head, table, notes, further blocks of lines, and verdict."""
-        notes = [f"{what}: {text}" for what, text in self.notes]
         head, lines = [self.title, *self.remarks], []
-        for block in filter(None, (head, self.table(), notes, *blocks)):
+        for block in filter(None, (head, self.table(), self.told, *blocks)):
             lines += [*map(one_line, block), ""]
         return [*lines, self.verdict()]
 

@@ -1,6 +1,6 @@
 """Calls what is graded, sample by sample, and collects the numbers, whatever the calls do.
 
-From the top: what functions return; `Bodies`; the calls of the three graders; `answer`.
+From the top: `Bodies`; the calls of the three graders; `answer`.
 """
 
 import copy
@@ -9,79 +9,19 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from rbs.program.returned import RETURNED, NotWritten, WrongResult, by_mesh, numbers, returned
 from rbs.program.submissions import POSITION, VELOCITY, built, describe
 
 LISTS = "{} gives lists where run_timestep needs arrays: in a scene, the next step fails"
-RETURNED = {
-    POSITION: {"positionWasValid": 1, "correctedPositions": 6},
-    VELOCITY: {"velocityWasValid": 1, "correctedLinVelocities": 6, "correctedAngVelocities": 6},
-}
 IN_PLACE = (
     f"{POSITION} changes its arguments in place: the released grader calls it for the upper and "
     "then for the lower bound, with the same arrays"
 )
 
 
-class NotWritten(Exception):
-    """Something that the student has not written yet; the message names it."""
-
-
-class WrongResult(Exception):
-    """A result of the wrong kind or shape; the message says which."""
-
-
-def returned(values, function, sizes):
-    """Returns the values that a function has returned, as a tuple.
-
-    sizes : dict from the name of each value, in order, to how many numbers it holds
-
-    Raises NotWritten, or WrongResult if there are more or fewer values, or in another order.
-    """
-    order = f"({', '.join(sizes)})"
-    if values is None:
-        raise NotWritten(f"{function} returns nothing")
-    if not hasattr(values, "__iter__"):
-        raise WrongResult(f"{function} returns a {type(values).__name__}, not {order}")
-    values = tuple(values)
-    if len(values) != len(sizes):
-        raise WrongResult(f"{function} returns {len(values)} values, not {len(sizes)}: {order}")
-    lists = [value if isinstance(value, list | tuple) else [value] for value in values]
-    found = [sum(map(np.size, one)) for one in lists]
-    if found != [*sizes.values()] and sorted(found) == sorted(sizes.values()):
-        raise WrongResult(f"{function} returns its values in the wrong order: it must be {order}")
-    return values
-
-
-def numbers(value, count, what):
-    """Returns a value of any shape as an array (count,); a count of "bool" means one bool.
-
-    Raises NotWritten or WrongResult, with the name `what`, if the value is something else.
-    """
-    if value is None:
-        raise NotWritten(f"{what} is None")
-    try:
-        array = np.array(value)
-        if np.iscomplexobj(array):
-            raise WrongResult(f"complex numbers, where real ones are expected: {what}")
-        array = array.astype(np.float64).ravel()
-    except (TypeError, ValueError):
-        raise WrongResult(f"{what} is not an array of numbers") from None
-    if array.size != (1 if count == "bool" else count):
-        expected = f"where {1 if count == 'bool' else count} numbers are expected"
-        raise WrongResult(f"{what} has shape {np.shape(value)} {expected}")
-    if count == "bool" and array[0] not in (0.0, 1.0):
-        raise WrongResult(f"{what} is {array[0]:g}, neither True nor False")
-    return array
-
-
 def widths(shapes):
     """Returns pairs (quantity, how many numbers it has); a bool counts as one number."""
     return [(key, 1 if width == "bool" else width) for key, width in shapes.items()]
-
-
-def by_mesh(key, pair):
-    for k, value in enumerate(returned(pair, key, {"mesh 1": 3, "mesh 2": 3}), start=1):
-        yield value, f"{key}, mesh {k}"
 
 
 class Bodies:
@@ -228,7 +168,7 @@ def resolved(bodies, s, bound, tolerance, arrays=None, invMasses=None):
     refValue = float(getattr(s, f"{bound.lower()}Value")[0])  # a float, as run_timestep gives it
     given = refValue, invMasses or tuple(mesh.invMass for mesh in meshes), bound == "Upper"
     values = bodies.function(POSITION)(*arrays or new, *given, float(tolerance))
-    return returned(values, POSITION, RETURNED[POSITION])
+    return returned(values, POSITION)
 
 
 def resolve_positions(bodies, s):
@@ -254,7 +194,7 @@ def resolved_velocities(bodies, s, tolerance):
     for name in ("linVelocity", "angVelocity", "invMass"):
         arrays.append(tuple(getattr(mesh, name) for mesh in meshes))
     arrays.append((s.tensors[0].copy(), s.tensors[1].copy()))
-    return returned(bodies.function(VELOCITY)(*arrays, tolerance), VELOCITY, RETURNED[VELOCITY])
+    return returned(bodies.function(VELOCITY)(*arrays, tolerance), VELOCITY)
 
 
 def resolve_velocities(bodies, s):
@@ -295,7 +235,7 @@ class Answer:
             raise
         except BaseException as error:  # not even SystemExit ends the process
             cause = str(error)
-            if not isinstance(error, NotWritten | WrongResult):
+            if not isinstance(error, WrongResult):
                 cause = describe(error, self._folder)
             if isinstance(error, NotWritten | NotImplementedError):
                 cause = f"not implemented: {cause}"

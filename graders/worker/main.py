@@ -104,10 +104,8 @@ def serve(orders, answers):
             elif "bodies" in order:
                 scene = steps.Scene(order, submission.functions, folder)
                 answer = scene.built()
-            elif "calls" in order:
-                answer = scene.call(order)
             else:
-                answer = scene.step(order)
+                answer = scene.call(order)
         except BaseException as error:  # a student's class may raise anything
             answer = {"failed": describe(error, folder)}
         tell(answer | {"number": order["number"]})

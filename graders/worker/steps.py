@@ -9,136 +9,87 @@ from rbs.program.submissions import CAUSE_LENGTH, FUNCTIONS, METHODS, built, des
 from rbs.scenes.messages import short
 
 BUILT = ("origVertices", "invMass", "invIT")
-FIXED = ("isFixed", "invMass")  # what no step changes
 # Relative, and in m: smaller differences between two states leave the student's vertices alone.
 ROUNDING = 1e-12
 
 
 class Scene:
-    """The bodies of a scene, of the student's class.
+    """The bodies of a scene and, as the last one, the ground, of the student's class.
 
     order : "bodies", a list of (name, vertices, faces, tets, density, position, orientation,
-        isFixed); "turn", the orientation in which tensors are told; "names" of a mesh's state, the
-        last "currVertices", which the released ground lacks
+        isFixed); "names" of what is told of a mesh, the last "currVertices", which the released
+        ground lacks
     """
 
     def __init__(self, order, functions, folder):
-        self._functions, self._folder, self._turn = functions, folder, order["turn"]
+        self._functions, self._folder, self._names = functions, folder, order["names"]
         if not callable(getattr(functions, "Mesh", None)):
             raise AttributeError("RBSFunctions.py has no Mesh")
-        self._names = order["names"]
-        self._meshes = [built(functions.Mesh, *one) for one in order["bodies"]]
-        self._fixed = [{one: getattr(mesh, one, None) for one in FIXED} for mesh in self._meshes]
-        self._ground = built(functions.Mesh)
-        self._still = {name: getattr(self._ground, name, None) for name in self._names[:-1]}
-        self._still = {name: np.array(value) for name, value in self._still.items()}
+        self._meshes = [built(functions.Mesh, *one) for one in [*order["bodies"], ()]]
 
     def built(self):
         """What the constructors have computed, and the parameters of the functions."""
-        meshes, kind = [], type(self._ground)
-        for mesh in self._meshes:
-            before, mesh.orientation = mesh.orientation, np.array(self._turn)
-            told = {name: as_list(getattr(mesh, name, None)) for name in BUILT}
-            try:
-                told["tensor"] = as_list(mesh.get_rotated_inv_IT())
-            except Exception:  # told where it is needed
-                told["tensor"] = None
-            mesh.orientation = before
-            meshes.append(told)
+        *meshes, ground = self._meshes
+        meshes = [{key: as_list(getattr(one, key, None)) for key in BUILT} for one in meshes]
+        kind = type(ground)
         named = {"Mesh": kind.__init__}
         named |= {one: getattr(self._functions, one, None) for one in ("run_timestep", *FUNCTIONS)}
         named |= {one: getattr(kind, one, None) for one in METHODS}
-        self._step = named["run_timestep"]
-        parameters = inspect.signature(self._step).parameters if callable(self._step) else ()
+        step = named["run_timestep"]
+        parameters = inspect.signature(step).parameters if callable(step) else ()
         places = {name: place_of(function) for name, function in named.items()}
         return {"meshes": meshes, "places": places, "parameters": list(parameters)}
 
-    def step(self, order):
-        """Makes a step from the states in the order; returns the states after it, and "changed",
-        the name and the body of what has changed that no step changes, or None.
-
-        order : "states", rows of these names for each mesh; "step", arguments of run_timestep;
-            "options", its named ones
-        """
-        for mesh, rows in zip(self._meshes, order["states"], strict=True):
-            self._follow(mesh, rows)
-        self._rest()
-        timeStep, restitution, isEnforced, constraints = order["step"]
-        count = len(self._meshes)
-        scene = self._meshes, self._ground, timeStep, restitution, isEnforced, constraints
-        problem, bodies = self._problem(self._step, *scene, **order["options"])[1], range(count)
-        told = {"problem": problem, "states": self._states(bodies)}
-        return told | {"changed": self._changed(bodies)}
-
     def call(self, order):
-        """Makes calls; returns of each "result", "problem", "states" of its bodies, "changed", and
-        "hasLists": whether lists are left in these.
+        """Makes a call; returns "result", "problem", the "states" of its meshes after it, and
+        "hasLists": whether lists are left in those that it is given.
 
-        order : "calls", lists of a function's name, its bodies, their states, and what else it is
-            given, in lists; a body beyond the last is the ground
+        order : "function", its name; "meshes", by index; "states", rows of what is told of each;
+            "given", a list of what else it is given; "options", its named arguments
         """
-        answers = []
-        for name, bodies, states, given in order["calls"]:
-            meshes = [[*self._meshes, self._ground][k] for k in bodies]
-            self._rest()
-            for mesh, rows in zip(meshes, states, strict=False):
-                if mesh is not self._ground:
-                    self._follow(mesh, rows)
-            owner = meshes.pop(0) if name in METHODS else self._functions
-            function = getattr(owner, name, None)
-            given = [as_given(one, pairs=not bodies) for one in given]
-            result, problem = self._problem(function, *meshes, *given)
-            if isinstance(result, list | tuple):
-                result = [as_list(one) for one in result]
-            told = {"problem": problem, "result": as_list(result), "states": self._states(bodies)}
-            told["changed"] = self._changed(bodies)
-            state = [getattr(one, key, None) for one in meshes for key in self._names[:-1]]
-            answers.append(told | {"hasLists": any(isinstance(one, list) for one in state)})
-        return {"calls": answers}
+        name, meshes = order["function"], [self._meshes[k] for k in order["meshes"]]
+        for mesh, rows in zip(meshes, order["states"], strict=True):
+            self._follow(mesh, rows)
+        result, problem = self._made(name, meshes, order["given"], order["options"])
+        rows = [[getattr(one, key, None) for key in self._names] for one in meshes]
+        hasLists = any(isinstance(one, list) for row in rows[name in METHODS :] for one in row[:-1])
+        told = {"result": result, "problem": problem, "hasLists": hasLists}
+        return told | {"states": [list(map(as_list, row)) for row in rows]}
 
-    def _problem(self, function, *given, **options):
+    def _made(self, name, meshes, given, options):
+        """Makes a call; returns its result, as JSON can hold it, and its error, or ""."""
+        owner, first = self._functions, meshes
+        if name == "run_timestep":
+            first = meshes[:-1], meshes[-1]
+        else:
+            given = [as_given(one, pairs=not meshes) for one in given]
+        if name in METHODS:
+            owner, *first = meshes
+        function = getattr(owner, name, None)
         if not callable(function):
             return None, "is not in RBSFunctions.py"
         try:
             with np.errstate(all="ignore"):
-                return function(*given, **options), ""
+                return as_list(function(*first, *given, **options)), ""
         except BaseException as error:  # a student's function may raise anything
             return None, describe(error, self._folder)
-
-    def _changed(self, bodies):
-        """What has changed that no step changes, [name, body] or None; it is put back."""
-        found = None
-        for k in bodies:
-            for name, value in self._fixed[k].items() if k < len(self._meshes) else ():
-                if repr(as_list(getattr(self._meshes[k], name, None))) != repr(as_list(value)):
-                    found = found or [name, k]
-                    with suppress(AttributeError):  # of a property
-                        setattr(self._meshes[k], name, value)
-        return found
-
-    def _rest(self):
-        for name, value in self._still.items():
-            setattr(self._ground, name, value.copy())
-
-    def _states(self, bodies):
-        meshes = [*self._meshes, self._ground]
-        return [[as_list(getattr(meshes[k], one, None)) for one in self._names] for k in bodies]
 
     def _follow(self, mesh, rows):
         """Gives a mesh a state, in lists where it has lists; vertices only if it has moved."""
         hasMoved = False
-        for name, row in zip(self._names[:-1], rows[:-1], strict=True):
-            now, row = getattr(mesh, name, None), np.array(row, float)
+        for name, given in zip(self._names[:-1], rows[:-1], strict=True):
+            now, row = getattr(mesh, name, None), np.array(given, float)
             try:
                 own = np.asarray(now, float).reshape(row.shape)
             except (TypeError, ValueError):  # the student's mistake in an earlier step
                 own = np.full(row.shape, np.nan)
             if own.tobytes() != row.tobytes():
-                isList = isinstance(now, list)
-                setattr(mesh, name, row.reshape(np.shape(now)).tolist() if isList else row)
+                isList, row = isinstance(now, list), row if row.ndim else given
+                with suppress(AttributeError):  # of a property
+                    setattr(mesh, name, row.reshape(np.shape(now)).tolist() if isList else row)
                 hasMoved |= not np.abs(own - row).max() <= ROUNDING * (1.0 + np.abs(row).max())
         if hasMoved:
-            with suppress(AttributeError):  # of a property
+            with suppress(AttributeError):
                 mesh.currVertices = np.array(rows[-1], float)
 
 

@@ -3,6 +3,7 @@
 In reading order:
 
     submissions      loading a student's modules
+    returned         what a student's functions must return
     parsing          a parser, and types of values
     headless         runs without a window, and their summary
     results          pictures, videos, pages and statistics from Python

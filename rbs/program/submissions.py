@@ -34,7 +34,8 @@ SUPPLIED = ("Quaternion", "RBSLoadVis", "InitializeCCD", "RigidBodySimulation")
 # What a step calls of a student's module, and of its Mesh.
 POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
 FUNCTIONS = "resolve_collision", POSITION, VELOCITY
-METHODS = "integrate_timestep", "get_rotated_inv_IT", "detect_collision"
+TENSOR, DETECT = "get_rotated_inv_IT", "detect_collision"
+METHODS = "integrate_timestep", TENSOR, DETECT
 # Folders without a solution, in lower case; those that begin with a dot are skipped, too.
 SKIPPED = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packages"}
 # Characters, the most that are quoted of a message of a student's code.

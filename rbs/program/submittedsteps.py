@@ -1,4 +1,4 @@
-"""Time steps by a student's functions, for --functions.
+"""Time steps by a student's functions, for --functions; `StudentFunctions`, for compare.py, too.
 
 The program's own `run_timestep` makes the steps. It calls the student's methods and functions in
 place of its own; their run_timestep is not called. They work on meshes of the student's own class,
@@ -21,21 +21,23 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 import GJK
-from rbs.geometry.triples import ZERO, shown_value
-from rbs.glass.events import applied_impulse
+from rbs.geometry.triples import ZERO
+from rbs.glass.events import KEPT, applied_impulse
 from rbs.program import submissions
+from rbs.program.returned import RETURNED, WrongResult, by_mesh, numbers, returned
+from rbs.program.submissions import DETECT, METHODS, POSITION, TENSOR, VELOCITY, at_home
 from rbs.scenes.files import SIGNAL_NAMES
 from rbs.scenes.messages import print_error
-from rbs.scenes.simulation import TURN, is_turned_back
+from rbs.scenes.simulation import is_turned_back
 from rbs.scenes.state import inertias_of, set_inertia
 from rbs.stepping.meshes import STATE_WIDTHS, StateError
 from rbs.stepping.settings import EARTH
 from RBSFunctions import Mesh, run_timestep
 
 GIVEN = "name origVertices faces tets density position orientation isFixed".split()
-# Attributes that a student's mesh gets from ours, and those that it may also change.
+# Attributes that a student's mesh gets from ours, and those that ours also takes over from it.
 LENT = "origVertices currVertices mass".split()
-SHARED = "isFixed invMass IT invIT".split()
+TAKEN = *KEPT, *STATE_WIDTHS
 # What students call our `mu`.
 FRICTION_NAME = re.compile("μ|mu|mu_?[ks]|.*fric.*", re.IGNORECASE)
 
@@ -63,7 +65,120 @@ def time_limit(seconds):
         timer.cancel()
 
 
-class SubmittedSteps:
+class Fault(StateError):
+    """A student's function fails, or returns or leaves something that is no result.
+
+    function : its name; text : what is wrong
+    """
+
+    def __init__(self, function, text):
+        super().__init__(f"{function}: {text}")
+        self.function, self.text = function, text
+
+
+@contextmanager
+def judged(function):
+    """Makes a WrongResult in the `with` block the Fault of a function."""
+    try:
+        yield
+    except WrongResult as error:
+        raise Fault(function, str(error).removeprefix(f"{function} ")) from None
+
+
+class StudentFunctions:
+    """A student's functions as `functions` of our `run_timestep`, and their methods for its meshes.
+
+    Arguments have the shapes of the coursework's, results those of ours. Raises Fault for what is
+    no result.
+
+    A subclass has `call(name, meshes, *given, **named)`, which calls a function on meshes of theirs
+    in the state of these, or a method of the first one. These take over what it changes. It returns
+    what that returns.
+    """
+
+    def __init__(self, friction=None):
+        """friction : the name of their parameter for friction, or None"""
+        self._friction, self._Mesh = friction, mesh_class(self)
+
+    @contextmanager
+    def methods_of(self, meshes):
+        """Lets meshes have the student's methods, in the `with` block."""
+        kinds = list(map(type, meshes))
+        try:
+            for mesh in meshes:
+                mesh.__class__ = self._Mesh
+            yield
+        finally:
+            for mesh, kind in zip(meshes, kinds, strict=True):
+                mesh.__class__ = kind
+
+    def is_turned_back(self, meshes):
+        """Whether their tensors in world axes are Rᵀ I⁻¹ R, as in the release's solution; the
+        events of their steps tell it from now on.
+        """
+        with self.methods_of(meshes):
+            isTurnedBack = any(is_turned_back(one) for one in meshes if not one.isFixed)
+        self._Mesh.isTurnedBack = isTurnedBack
+        return isTurnedBack
+
+    def resolve_collision(self, m1, m2, depth, normal, point, CRCoeff, mu=0.0):
+        """Calls theirs; returns as ours the impulses that it has applied, and their arm."""
+        before, isOnGround = [pose_of(mesh) for mesh in (m1, m2)], len(m2.origVertices) == 0
+        n, point = np.array(normal, dtype=np.float64), np.array(point, dtype=np.float64)
+        contact = np.array(depth), n.reshape(1, 3) if isOnGround else n, point
+        named = {self._friction: mu} if mu else {}
+        self.call("resolve_collision", [m1, m2], *contact, CRCoeff, **named)
+        after = [pose_of(mesh) for mesh in (m1, m2)]
+        impulse, n = applied_impulse(before, after), n.ravel() * (-1.0 if isOnGround else 1.0)
+        j = float(impulse @ n)
+        friction = tuple((impulse - j * n).tolist()) if mu else ZERO
+        arm = point.ravel() + after[1].position - before[1].position - after[0].position
+        return j, friction, tuple(arm.tolist())
+
+    def resolve_position_constraint(self, *given):
+        return self._resolved(POSITION, given)
+
+    def resolve_velocity_constraint(self, *given):
+        return self._resolved(VELOCITY, given)
+
+    def _resolved(self, name, given):
+        """Returns a flag, and pairs of arrays (1, 3)."""
+        values = self.call(name, [], *given)
+        with judged(name):
+            (flag, *keys), (wasValid, *pairs) = RETURNED[name], returned(values, name)
+            pairs = map(by_mesh, keys, pairs)
+            pairs = [[numbers(one, 3, what)[None] for one, what in pair] for pair in pairs]
+            return bool(numbers(wasValid, "bool", flag)), *pairs
+
+
+def mesh_class(functions):
+    """Returns a subclass of our Mesh whose methods are those of `StudentFunctions`, by METHODS."""
+
+    class StudentMesh(Mesh):
+        def get_rotated_inv_IT(self):
+            tensor = functions.call(TENSOR, [self])
+            with judged(TENSOR):
+                return numbers(tensor, 9, "the tensor").reshape(3, 3)
+
+        def integrate_timestep(self, timeStep, gravity=EARTH):
+            if gravity != EARTH and not self.isFixed:  # theirs adds that of the Earth
+                self.linVelocity = self.linVelocity + timeStep * np.subtract(gravity, EARTH)
+            functions.call("integrate_timestep", [self], timeStep)
+
+        def detect_collision(self, m):
+            if self.isFixed and m.isFixed:
+                return GJK.NO_COLLISION
+            found = functions.call(DETECT, [self, m])
+            with judged(DETECT):
+                isCollision, *contact = zip(returned(found, DETECT), RETURNED[DETECT], strict=True)
+                if not numbers(isCollision[0], "bool", isCollision[1]):
+                    return GJK.NO_COLLISION
+                return True, *(numbers(one, RETURNED[DETECT][key], key) for one, key in contact)
+
+    return StudentMesh
+
+
+class SubmittedSteps(StudentFunctions):
     """`run_timestep` with the functions of a student.
 
     folder : of the student's modules, resolved
@@ -86,13 +201,12 @@ class SubmittedSteps:
         for name in ("Mesh", *submissions.FUNCTIONS):
             if not callable(getattr(self._theirs, name, None)):
                 raise self._error(f"RBSFunctions.py has no {name}")
-        for name in (*submissions.METHODS, "bounding_box_collision"):
+        for name in (*METHODS, "bounding_box_collision"):
             if not callable(getattr(self._theirs.Mesh, name, None)):
                 raise self._error(f"the Mesh in RBSFunctions.py has no {name}")
-        self._Mesh, self._own = mesh_class(self), WeakKeyDictionary()
         parameters = inspect.signature(self._theirs.resolve_collision).parameters
-        self._friction = next(filter(FRICTION_NAME.fullmatch, parameters), None)
-        digest = sha256()
+        super().__init__(next(filter(FRICTION_NAME.fullmatch, parameters), None))
+        self._own, digest = WeakKeyDictionary(), sha256()
         for path in sorted(filter(Path.is_file, self.folder.rglob("*.py"))):
             file = path.relative_to(self.folder)
             if not any(map(submissions.is_skipped, file.parts)):
@@ -116,15 +230,8 @@ class SubmittedSteps:
         return ""
 
     def is_turned_back(self, meshes):
-        """Whether their tensors in world axes are Rᵀ I⁻¹ R, as in the release's solution; the
-        events of their steps tell it from now on.
-        """
-        with suppress(Exception, SystemExit), submissions.at_home(self.folder):  # told where needed
-            for mesh in filter(lambda one: not one.isFixed, map(copy.copy, meshes)):
-                mesh.orientation, mesh.__class__ = TURN, self._Mesh
-                if is_turned_back(mesh.invIT, mesh.get_rotated_inv_IT()):
-                    self._Mesh.isTurnedBack = True
-                    return True
+        with suppress(Exception, SystemExit), at_home(self.folder):  # told where needed
+            return super().is_turned_back(list(map(copy.copy, meshes)))  # so that none is kept
         return False
 
     def step(self, meshes, groundMesh, *, settings, **options):
@@ -138,9 +245,7 @@ class SubmittedSteps:
         theirs = [*meshes, groundMesh] if groundMesh is not None else meshes
         inertias, report = inertias_of(theirs), None
         try:
-            with time_limit(self.seconds), submissions.at_home(self.folder):
-                for mesh in theirs:
-                    mesh.__class__ = self._Mesh
+            with self.methods_of(theirs), time_limit(self.seconds), at_home(self.folder):
                 report = run_timestep(meshes, groundMesh, **options)
             return report
         except KeyboardInterrupt as error:
@@ -152,121 +257,46 @@ class SubmittedSteps:
         except BaseException as error:  # a student's function may raise anything
             raise StateError(submissions.describe(error, self.folder)) from None
         finally:
-            for mesh, inertia in zip(theirs, inertias, strict=True):
-                mesh.__class__ = Mesh
-                if report is None:
+            if report is None:
+                for mesh, inertia in zip(theirs, inertias, strict=True):
                     set_inertia(mesh, inertia)
 
-    @contextmanager
-    def lend(self, function, *meshes):
-        """Yields meshes of the student's class in the state of ours; then, ours take over theirs.
+    def call(self, name, meshes, *given, **named):
+        """See `StudentFunctions`; they get copies of arrays.
 
         Each mesh of ours has one of theirs, so that attributes of the student's last until somebody
         fixes or frees it. Attributes that they leave alone are not set again.
-        function : name of theirs that gets them. Raises TypeError if it leaves no such state
         """
-        theirs, before = [], []
-        for mesh in meshes:
-            own = self._own.get(mesh)
-            if own is None or own.isFixed != mesh.isFixed:
-                own = submissions.built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
-                self._own[mesh] = own
-            for name in (*LENT, *SHARED, *STATE_WIDTHS):
-                value = getattr(mesh, name)
-                if content(getattr(own, name, None)) != content(value):
-                    with suppress(Exception):  # a property of theirs may refuse
-                        setattr(own, name, copy.copy(value))
-            theirs.append(own)
-            before.append([content(getattr(own, name, None)) for name in (*SHARED, *STATE_WIDTHS)])
-        yield theirs
+        theirs = list(map(self._lent, meshes))
+        before = [[content(getattr(own, key, None)) for key in TAKEN] for own in theirs]
+        owner, *others = theirs if name in METHODS else (self._theirs, *theirs)
+        found = getattr(owner, name)(*others, *map(copied, given), **named)
         for mesh, own, contents in zip(meshes, theirs, before, strict=True):
-            for name, was in zip((*SHARED, *STATE_WIDTHS), contents, strict=True):
-                value = getattr(own, name, None)
-                if content(value) == was:
-                    continue
-                if width := STATE_WIDTHS.get(name):
-                    try:
-                        value = real(value, 1, width)
-                    except (TypeError, ValueError):
-                        what = f"{name} of {mesh.name!r}, which must be {width} numbers"
-                        told = f"{function} sets {what}, to {shown_value(value)}"
-                        raise TypeError(told) from None
-                setattr(mesh, name, value)
+            for key, was in zip(TAKEN, contents, strict=True):
+                value = getattr(own, key, None)
+                if content(value) != was:
+                    isState = key in STATE_WIDTHS
+                    setattr(mesh, key, state_left(name, mesh, key, value) if isState else value)
+        return found
 
-    # What the step calls: theirs, with copies of its arrays, in the shapes of the coursework's.
-
-    def resolve_collision(self, m1, m2, depth, normal, point, CRCoeff, mu=0.0):
-        """Calls theirs; returns as ours the impulses that it has applied, and their arm."""
-        before, isOnGround = [pose_of(mesh) for mesh in (m1, m2)], len(m2.origVertices) == 0
-        n, point = np.array(normal, dtype=np.float64), np.array(point, dtype=np.float64)
-        contact = np.array(depth), n.reshape(1, 3) if isOnGround else n.copy(), point.copy()
-        with self.lend("resolve_collision", m1, m2) as meshes:
-            more = {self._friction: mu} if mu else {}
-            self._theirs.resolve_collision(*meshes, *contact, CRCoeff, **more)
-        after = [pose_of(mesh) for mesh in (m1, m2)]
-        impulse, n = applied_impulse(before, after), n.ravel() * (-1.0 if isOnGround else 1.0)
-        j = float(impulse @ n)
-        friction = tuple((impulse - j * n).tolist()) if mu else ZERO
-        arm = point.ravel() + after[1].position - before[1].position - after[0].position
-        return j, friction, tuple(arm.tolist())
-
-    def resolve_position_constraint(self, positions, points, *others):
-        found = self._theirs.resolve_position_constraint(copies(positions), copies(points), *others)
-        return returned("resolve_position_constraint", found, 2)
-
-    def resolve_velocity_constraint(self, positions, points, v, omega, invMasses, tensors, *others):
-        given = (*map(copies, (positions, points, v, omega)), invMasses, copies(tensors))
-        found = self._theirs.resolve_velocity_constraint(*given, *others)
-        return returned("resolve_velocity_constraint", found, 3)
+    def _lent(self, mesh):
+        """The mesh of theirs in the place of one of ours, in its state."""
+        own = self._own.get(mesh)
+        if own is None or own.isFixed != mesh.isFixed:
+            own = submissions.built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
+            self._own[mesh] = own
+        for name in (*LENT, *TAKEN):
+            value = getattr(mesh, name)
+            if content(getattr(own, name, None)) != content(value):
+                with suppress(Exception):  # a property of theirs may refuse
+                    setattr(own, name, copy.copy(value))
+        return own
 
 
-def mesh_class(submitted):
-    """Returns a subclass of our Mesh whose methods are those of a student's, by METHODS."""
-
-    class StudentMesh(Mesh):
-        def get_rotated_inv_IT(self):
-            with submitted.lend("get_rotated_inv_IT", self) as (own,):
-                tensor = own.get_rotated_inv_IT()
-            with understood("get_rotated_inv_IT", "3 × 3 numbers", tensor):
-                return real(tensor, 3, 3)
-
-        def integrate_timestep(self, timeStep, gravity=EARTH):
-            if gravity != EARTH and not self.isFixed:  # theirs adds that of the Earth
-                self.linVelocity = self.linVelocity + timeStep * np.subtract(gravity, EARTH)
-            with submitted.lend("integrate_timestep", self) as (own,):
-                own.integrate_timestep(timeStep)
-
-        def detect_collision(self, m):
-            if self.isFixed and m.isFixed:
-                return GJK.NO_COLLISION
-            with submitted.lend("detect_collision", self, m) as (own, other):
-                found = own.detect_collision(other)
-            what = "whether they collide, a depth, a normal and a point"
-            with understood("detect_collision", what, found):
-                isCollision, *contact = found
-                if isCollision:
-                    contact = [real(one, n) for one, n in zip(contact, (1, 3, 3), strict=True)]
-                depth, normal, point = contact
-            return isCollision, depth, normal, point
-
-    return StudentMesh
-
-
-@contextmanager
-def understood(name, what, value):
-    """Raises TypeError in the `with` block if a function of this name has not returned `what`."""
-    try:
-        yield
-    except (TypeError, ValueError):
-        raise TypeError(f"{name} must return {what}, not {shown_value(value)}") from None
-
-
-def real(value, *shape):
-    """Returns numbers of a student's as an array of floats. Raises TypeError or ValueError."""
-    array = np.array(value)
-    if np.iscomplexobj(array):
-        raise TypeError
-    return array.astype(np.float64).reshape(shape)
+def state_left(function, mesh, name, value):
+    """Returns an attribute of STATE_WIDTHS that a function has left in a mesh, in our shape."""
+    with judged(function):
+        return numbers(value, STATE_WIDTHS[name], f"{name} of {mesh.name!r}")[None]
 
 
 def content(value):
@@ -280,20 +310,8 @@ def pose_of(mesh):
     return SimpleNamespace(invMass=mesh.invMass, position=x, linVelocity=v)
 
 
-def copies(arrays):
-    """Returns a tuple of copies of arrays."""
-    return tuple(np.array(one, dtype=np.float64) for one in arrays)
-
-
-def returned(name, values, count):
-    """Returns a flag and pairs of arrays (1, 3) of what a student's function has returned.
-
-    Raises TypeError if these are no `count` values of that kind.
-    """
-    what = "a flag and pairs of vectors" if count > 2 else "a flag and a pair of vectors"
-    with understood(name, what, values):
-        isValid, *pairs = values
-        pairs = [[real(one, 1, 3) for one in two] for two in pairs]
-        if [len(pair) for pair in pairs] != [2] * (count - 1):
-            raise ValueError
-        return (bool(np.all(isValid)), *pairs)
+def copied(value):
+    """Returns a copy of an array, or of those in a tuple; other values as they are."""
+    if isinstance(value, tuple):
+        return tuple(map(copied, value))
+    return np.array(value, dtype=np.float64) if isinstance(value, np.ndarray) else value

@@ -274,11 +274,20 @@ class Beside:
         return found._replace(step=step, hint=hint)
 
 
-def is_turned_back(inverse, turned):
-    """Whether a tensor, in world axes at the orientation TURN, is Rᵀ I⁻¹ R and not R I⁻¹ Rᵀ."""
-    R = Q2RotMatrix(TURN)
-    right, released = (in_world_axes(R, inverse, way) for way in (False, True))
-    return same(turned, released) and not same(turned, right)
+def turned_tensor(mesh):
+    """The inverse inertia tensor that a mesh gives in world axes, at the orientation TURN."""
+    before, mesh.orientation = mesh.orientation, TURN
+    try:
+        return mesh.get_rotated_inv_IT()
+    finally:
+        mesh.orientation = before
+
+
+def is_turned_back(mesh):
+    """Whether the tensor that a mesh gives in world axes is Rᵀ I⁻¹ R and not R I⁻¹ Rᵀ."""
+    found, R = turned_tensor(mesh), Q2RotMatrix(TURN)
+    right, released = (in_world_axes(R, mesh.invIT, way) for way in (False, True))
+    return same(found, released) and not same(found, right)
 
 
 @cache

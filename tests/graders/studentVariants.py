@@ -185,8 +185,8 @@ def verdict_on(name):
     for grade in grades:
         told = "the verdict allows for it", "not graded", "gives lists"
         lines += [text for text in grade.remarks if any(one in text for one in told)]
-        lines += [f"{what}: {text}" for what, text in grade.notes]
-    return [str(sum(len(one.failures) for one in grades)), "<br>".join(dict.fromkeys(lines))]
+        lines += grade.told
+    return [str(sum(len(one.wrong) for one in grades)), "<br>".join(dict.fromkeys(lines))]
 
 
 if __name__ == "__main__":

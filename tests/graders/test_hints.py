@@ -57,5 +57,4 @@ def test_a_wrong_tensor_costs_its_function_only():
         grades = grades_of(edited(*edits))
         notes = [note for grade in grades for note in grade.notes]
         assert [text[:15] for _what, text in notes] == told
-        failed = [one.part for grade in grades for one in grade.quantities if not one.isRight]
-        assert len({part.split()[0] for part in failed}) == len(told)
+        assert len({one.function for grade in grades for one in grade.wrong}) == len(told)

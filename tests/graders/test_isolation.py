@@ -56,7 +56,7 @@ def test_its_files_and_processes_do_no_harm(tmp_path, run, monkeypatch):
 def read_process(path):
     """Returns the text of a file in /proc, empty if its process has ended."""
     try:
-        return Path("/proc", path).read_text()
+        return Path("/proc", path).read_text(errors="replace")
     except OSError:
         return ""
 
@@ -84,6 +84,7 @@ BAD = {
     "integrationGrading.py --time-limit 0": "--time-limit: must be 0.1 or more, not 0 ",
     "grade.py student empty --results r.json": "--results is of one submission, not of 2",
     "compare.py student student": "student: a folder, not a file",
+    "compare.py . mixed": ".: holds 3 submissions; name one, such as noted.zip",
     "compare.py unloadable mixed": "No module named 'numba'; to do: add the file numba.py, or",
 }
 

@@ -9,7 +9,6 @@ import pytest
 from oracles import DATA
 from program import bits, call, start, wait_for
 from studentVariants import (
-    VARIANTS,
     edited,
     files_of_variant,
     on_skeleton,
@@ -18,7 +17,6 @@ from studentVariants import (
     written,
 )
 
-from rbs.glass.terms import terms, values
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation, go_beside
@@ -95,16 +93,6 @@ def test_the_first_difference_is_named(scene, edit, step, symbol, hint, tmp_path
     theirs.step()
 
 
-def test_a_tensor_turned_as_released_hides_no_mistake(tmp_path):
-    """And our terms are those of the tensor that is allowed for."""
-    edits = [*VARIANTS["released"], ("+ np.sum(c2 * (c2 @ invI2.T))", "")]
-    found = first_difference(beside(write_submission(tmp_path, edits)), steps=90)
-    assert "rotational term of mesh 2" in found.hint
-    own, other = terms(found.own), terms(found.other)
-    assert own["K"] == pytest.approx(other["K"]) != values(found.other)["K"]
-    assert own["j"] == pytest.approx(values(found.own)["j"])
-
-
 FRICTION = """    slip = m1.linVelocity + np.cross(m1.angVelocity, r1) - m2.linVelocity
     slip = slip - np.cross(m2.angVelocity, r2)
     slip = slip - np.sum(slip * n) * n
@@ -169,7 +157,7 @@ def test_their_detection_counts(tmp_path):
     assert first_difference(beside(write_more(tmp_path, never), "tower_chain")) is not None
     short, none = never.replace("False", "True"), "Mesh.get_rotated_inv_IT = lambda self: None"
     for text, name in ((short, "detect_collision"), (none, "get_rotated_inv_IT")):
-        with pytest.raises(ArithmeticError, match=f"{name} must return"):
+        with pytest.raises(ArithmeticError, match=f"{name}: .*(depth has shape|is None)"):
             first_difference(beside(write_more(tmp_path / name, text), "tower_chain"))
 
 
@@ -253,7 +241,13 @@ FAILURES = [
     (LOOP, f"{STOP}\n{LOOP}", "", 130, "RBSFunctions.py:{line} in integrate"),
     (LOOP, f"{LEAVE}\n        self.invMass *= 2\n{LOOP}", "", 3, "SystemExit: 7"),
     (LOOP, f"        self.linVelocity = 'fast'\n        return\n{LOOP}", "", 3, "of 'cylinder 0'"),
-    (LOOP, f"        self.position = self.position + 1j\n        return\n{LOOP}", "", 3, "1j"),
+    (
+        LOOP,
+        f"        self.position = self.position + 1j\n        return\n{LOOP}",
+        "",
+        3,
+        "holds complex",
+    ),
     ("def resolve_collision(", "def resolve(", "", 2, "RBSFunctions.py has no resolve_collision"),
     ("import cppyy\n", "import cppyy.gbl.nothing\n", "", 2, "RBSFunctions.py:{line}: ModuleNotF"),
     ("", "", "--friction 0.3", 2, "friction"),
