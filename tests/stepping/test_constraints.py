@@ -96,9 +96,11 @@ def tangle(rng, count=24, fixed=2):
     for m1, m2 in ends[ends[:, 0] != ends[:, 1]].tolist():
         v1, v2 = rng.integers(8, size=2).tolist()
         distance = np.linalg.norm(meshes[m1].currVertices[v1] - meshes[m2].currVertices[v2])
-        refValue = float(rng.choice([0.0, distance * rng.uniform(0.98, 1.02)], p=[0.1, 0.9]))
+        # zero, or within the tolerance, or about the distance
+        lengths = [0.0, 5e-4, distance * rng.uniform(0.98, 1.02)]
+        refValue = float(rng.choice(lengths, p=[0.05, 0.05, 0.9]))
         # No point is pulled onto another one of a body 12 m away.
-        constraints.append([m1, v1, m2, v2, refValue, refValue > 0 and bool(rng.integers(2))])
+        constraints.append([m1, v1, m2, v2, refValue, refValue > 1.0 and bool(rng.integers(2))])
     return meshes, constraints
 
 

@@ -136,7 +136,7 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
 @pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
 def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed, monkeypatch):
     """Small margins cost repeated passes and searches for facets, and nothing else."""
-    counts = []
+    counts, turntable = [], throw(ground(), (1.0, 0.0, -2.0), (0.0, 3.0, 0.0))
 
     def counted(name, function):
         def call(*arguments):
@@ -153,7 +153,7 @@ def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed, monkeypatch):
             patch.setattr(batches, "find_facets", counted("searches", find_facets))
             passing = counted("passes", batches.Pass.process)
             patch.setattr(batches.Pass, "process", passing)
-            step = ground(), 0.02, 0.3, 14
+            step = turntable, 0.02, 0.3, 14
             contacts = in_all_ways(lambda: make_heap(seed), *step, mu=0.5 * (seed % 2))[1]
     assert len(contacts) > 150
     small, usual, large = ([count["searches"], count["passes"]] for count in counts)
