@@ -450,12 +450,10 @@ def crowd(engine):
     return np.linalg.norm(gain) / np.linalg.norm(before, axis=1).sum()
 
 
-def time_steps(engine, kind, *steps):
-    """By how much a stack of five, or a chain that swings, is faster in steps of these lengths."""
-    meshes, ties = (stack(5, UNIT), []) if kind == "stack" else hanging(10, 1.0)
-    settings = {"constraints": ties, "sleeping": False, "hasGround": not ties}
-    world, _ = run(engine, meshes, 6.0 if ties else 0.4, **settings)
-    fastest = []
+def time_steps(engine, *steps):
+    """By how much a stack of five is faster in steps of these lengths."""
+    meshes, fastest = stack(5, UNIT), []
+    world, _ = run(engine, meshes, 0.4, sleeping=False)
     for h in (TIME_STEP, *steps * 10):
         world.arguments = h, 0.0
         world.step()
@@ -491,19 +489,12 @@ def hit(engine, ratio):
     return -1e3 * lows.min(), -1e3 * lows[-1]
 
 
-def hanging(count, ratio):
-    """`(meshes, constraints)` of a chain whose end is `ratio` times as dense."""
+def chain(engine, count=20, ratio=1000.0):
+    """Stretch in % of the longest link of a chain with a heavy end, after 10 s."""
     links = [box(0, 20 - 0.5 * k, 0, (0.2, 0.2, 0.2), isFixed=k == 0) for k in range(count)]
     links.append(box(0, 20 - 0.5 * count, 0, (0.2, 0.2, 0.2), density=ratio))
     low, high = (int((links[1].origVertices @ (1, s, 1)).argmax()) for s in (-3, 3))
     ties = [[k, low, k + 1, high, 0.3, True] for k in range(count)]
-    return links, ties
-
-
-def chain(engine, count=20, ratio=1000.0):
-    """Stretch in % of the longest link of a chain with a heavy end, after 10 s."""
-    links, ties = hanging(count, ratio)
-    low, high = ties[0][1], ties[0][3]
     run(engine, links, 10.0, constraints=ties, **HANGING)
     ends = [a.currVertices[low] - b.currVertices[high] for a, b in itertools.pairwise(links)]
     return 100 * (max(map(np.linalg.norm, ends)) / 0.3 - 1)
@@ -591,37 +582,34 @@ def overstretched(engine, count, factor):
     return top_speed(links)
 
 
-def ropes(engine, *directions, side=0.2, length=1.0, rigid=False, seconds=4.0):
+def ropes(engine, *directions, side=0.2, length=1.0, seconds=4.0, **more):
     """Speed and spin of a cube in the end that ropes tie to anchors 5 m away."""
-    meshes, ties = [box(0, 20, sides=(side, side, side))], []
-    for k, way in enumerate(np.array(directions, dtype=float), 1):
-        place = np.array([0, 20, 0]) + 5 * way / np.linalg.norm(way)
-        meshes.append(box(*place, (0.2, 0.2, 0.2), isFixed=True))
-        own, anchor = (
-            int((mesh.origVertices @ (s * way + (0.01, 0.02, 0.03))).argmax())
-            for mesh, s in ((meshes[0], 1), (meshes[k], -1))
-        )
-        ties += [[0, own, k, anchor, length, isUpper] for isUpper in (True, False)[: 1 + rigid]]
-    run(engine, meshes, seconds, constraints=ties, **HANGING)
-    return np.linalg.norm(meshes[0].linVelocity), np.linalg.norm(meshes[0].angVelocity)
+    mesh = box(0, 20, sides=(side, side, side))
+    return tied(engine, mesh, directions, seconds, lambda apart: length, **more)
 
 
-def taut(engine, percent, *axes, density=1.0, rigid=False, velocity=(0, 0, 0), spin=(0, 0, 0)):
+def taut(engine, percent, *axes, density=1.0, velocity=(0, 0, 0), spin=(0, 0, 0), **more):
     """Speed and spin after 2 s of an octahedron that ropes along axes, too short by so many
     percent, tie to anchors 5 m away on both sides.
     """
     mesh = throw(shapes.convex_hull(CORNERS / 6, density, (0, 20, 0)), velocity, spin)
+    directions = [sense * np.eye(3)[axis] for axis in axes for sense in (1, -1)]
+    return tied(engine, mesh, directions, 2.0, lambda apart: apart / (1 + percent / 100), **more)
+
+
+def tied(engine, mesh, directions, seconds, length_of, rigid=False):
+    """Speed and spin of a body that is tied; length_of : of the distance at the start"""
     meshes, ties = [mesh], []
-    for way in (sense * np.eye(3)[axis] for axis in axes for sense in (1, -1)):
-        meshes.append(box(*(5 * way + [0, 20, 0]), (0.2, 0.2, 0.2), isFixed=True))
-        ends = [
+    for k, way in enumerate(np.array(directions, dtype=float), 1):
+        place = mesh.position[0] + 5 * way / np.linalg.norm(way)
+        meshes.append(box(*place, (0.2, 0.2, 0.2), isFixed=True))
+        own, anchor = (
             int((m.origVertices @ (s * way + (0.01, 0.02, 0.03))).argmax())
-            for m, s in ((mesh, 1), (meshes[-1], -1))
-        ]
-        length = np.linalg.norm(mesh.currVertices[ends[0]] - meshes[-1].currVertices[ends[1]])
-        row = [0, ends[0], len(meshes) - 1, ends[1], length / (1 + percent / 100)]
-        ties += [[*row, isUpper] for isUpper in (True, False)[: 1 + rigid]]
-    run(engine, meshes, 2.0, constraints=ties, **HANGING)
+            for m, s in ((mesh, 1), (meshes[k], -1))
+        )
+        length = length_of(np.linalg.norm(mesh.currVertices[own] - meshes[k].currVertices[anchor]))
+        ties += [[0, own, k, anchor, length, isUpper] for isUpper in (True, False)[: 1 + rigid]]
+    run(engine, meshes, seconds, constraints=ties, **HANGING)
     return np.linalg.norm(mesh.linVelocity), np.linalg.norm(mesh.angVelocity)
 
 

@@ -27,10 +27,8 @@ def run(meshes, seconds, **settings):
 
 def prism(sides, radius, height):
     """A flat prism that lies on y = 0."""
-    angle = 2 * np.pi * np.arange(sides) / sides + 0.1
-    ring = radius * np.cos(angle), radius * np.sin(angle)
-    points = [(x, y, z) for x, z in zip(*ring, strict=True) for y in (-height / 2, height / 2)]
-    return above(shapes.convex_hull(points, 1.0))
+    turn = quaternion((0, 1, 0), 6)
+    return above(shapes.cylinder(radius, height, 1.0, sides=sides, orientation=turn))
 
 
 def triangles(side=1.4, rows=4, count=10):
