@@ -66,6 +66,16 @@ def above(mesh, gap=0.0):
     return mesh
 
 
+def farthest(mesh, way):
+    """The index of the vertex of a mesh that is farthest along a direction (3,), at rest."""
+    return int((mesh.origVertices @ way).argmax())
+
+
+def nearest(mesh, point):
+    """The index of the vertex of a mesh that is nearest to a point (3,) or (1, 3)."""
+    return int(np.linalg.norm(mesh.currVertices - point, axis=1).argmin())
+
+
 def kinetic(meshes):
     total = 0.0
     for mesh in (mesh for mesh in meshes if not mesh.isFixed):
@@ -208,10 +218,8 @@ def overlapping(engine, counts):
 def tangle(engine, count):
     """Largest speed of hulls of random corners that lie in each other on the ground."""
     rng = np.random.default_rng(5)
-    corners, places = (
-        rng.normal(size=(count, 12, 3)),
-        rng.uniform((-2, 2, -2), (2, 6, 2), (count, 3)),
-    )
+    corners = rng.normal(size=(count, 12, 3))
+    places = rng.uniform((-2, 2, -2), (2, 6, 2), (count, 3))
     meshes = [shapes.convex_hull(c, 1.0, x) for c, x in zip(corners, places, strict=True)]
     run(engine, meshes, 0.6)
     return (top_speed(meshes),)
@@ -324,7 +332,7 @@ def slope(engine, degrees, side=1.0, seconds=10.0, mu=0.0, **settings):
 def pendulum(engine, degrees, length, seconds=30.0, side=0.2, spin=(0, 0, 0), **settings):
     """Energy that a pendulum has at the end, of that at the start. side : of its bob, along x"""
     anchor, bob = box(0, 30, 0, isFixed=True), throw(box(0, 0, 0, (side, 0.2, 0.2)), spin=spin)
-    corner, tip = (int((s * m.origVertices.sum(1)).argmax()) for s, m in ((-1, anchor), (1, bob)))
+    corner, tip = farthest(anchor, (-1, -1, -1)), farthest(bob, (1, 1, 1))
     point, arm = anchor.currVertices[corner], bob.origVertices[tip]
     string = rotation(quaternion((0, 0, 1), degrees)).apply([0, 1, 0])  # from the bob up
     bob.orientation = Rotation.align_vectors([string], [arm])[0].as_quat()[None, [3, 0, 1, 2]]
@@ -493,7 +501,7 @@ def chain(engine, count=20, ratio=1000.0):
     """Stretch in % of the longest link of a chain with a heavy end, after 10 s."""
     links = [box(0, 20 - 0.5 * k, 0, (0.2, 0.2, 0.2), isFixed=k == 0) for k in range(count)]
     links.append(box(0, 20 - 0.5 * count, 0, (0.2, 0.2, 0.2), density=ratio))
-    low, high = (int((links[1].origVertices @ (1, s, 1)).argmax()) for s in (-3, 3))
+    low, high = (farthest(links[1], (1, s, 1)) for s in (-3, 3))
     ties = [[k, low, k + 1, high, 0.3, True] for k in range(count)]
     run(engine, links, 10.0, constraints=ties, **HANGING)
     ends = [a.currVertices[low] - b.currVertices[high] for a, b in itertools.pairwise(links)]
@@ -507,7 +515,7 @@ def beads(count, ratio=1.0, degrees=0.0):
     links, make = [], partial(shapes.convex_hull, CORNERS / 6, orientation=turned)
     for k, density in enumerate([1.0] * count + [ratio]):
         links.append(make(density, 0.5 * k * way, isFixed=k == 0))
-    low, high = (int((s * links[0].origVertices[:, 1]).argmax()) for s in (-1, 1))
+    low, high = (farthest(links[0], (0, s, 0)) for s in (-1, 1))
     return links, [[k, low, k + 1, high, 0.3, True] for k in range(count)]
 
 
@@ -563,12 +571,9 @@ def ring(count):
     angles, ties = 2 * np.pi * np.arange(count) / count, []
     meshes = [box(1.5 * np.cos(a), 1.5 * np.sin(a), 0, (0.2, 0.2, 0.2)) for a in angles]
     for k, (a, b) in enumerate(zip(meshes, meshes[1:] + meshes[:1], strict=True)):
-        ends = [
-            int(np.linalg.norm(m.currVertices - o.position, axis=1).argmin())
-            for m, o in ((a, b), (b, a))
-        ]
-        length = np.linalg.norm(a.currVertices[ends[0]] - b.currVertices[ends[1]])
-        ties += [[k, ends[0], (k + 1) % count, ends[1], length, upper] for upper in (True, False)]
+        i, j = nearest(a, b.position), nearest(b, a.position)
+        length = np.linalg.norm(a.currVertices[i] - b.currVertices[j])
+        ties += [[k, i, (k + 1) % count, j, length, isUpper] for isUpper in (True, False)]
     return meshes, ties
 
 
@@ -603,10 +608,8 @@ def tied(engine, mesh, directions, seconds, length_of, rigid=False):
     for k, way in enumerate(np.array(directions, dtype=float), 1):
         place = mesh.position[0] + 5 * way / np.linalg.norm(way)
         meshes.append(box(*place, (0.2, 0.2, 0.2), isFixed=True))
-        own, anchor = (
-            int((m.origVertices @ (s * way + (0.01, 0.02, 0.03))).argmax())
-            for m, s in ((mesh, 1), (meshes[k], -1))
-        )
+        own = farthest(mesh, (0.01, 0.02, 0.03) + way)
+        anchor = farthest(meshes[k], (0.01, 0.02, 0.03) - way)
         length = length_of(np.linalg.norm(mesh.currVertices[own] - meshes[k].currVertices[anchor]))
         ties += [[0, own, k, anchor, length, isUpper] for isUpper in (True, False)[: 1 + rigid]]
     run(engine, meshes, seconds, constraints=ties, **HANGING)

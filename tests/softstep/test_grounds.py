@@ -284,7 +284,6 @@ def test_a_blow_on_tiles_is_not_repeated():
     assert ends[2:] == pytest.approx(np.array(due[2:]), abs=0.02)
 
 
-@pytest.mark.slow
 def test_what_starts_deep_in_the_ground_and_below_another_comes_out():
     """Being pushed out, they have no velocity, but do not sleep. A load may stay, and sag."""
     lanes, ratios = [], (1, 1, 10, 100)
@@ -367,7 +366,6 @@ def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(velocit
     assert state.sleep.isAsleep[0] and not mesh.linVelocity.any()
 
 
-@pytest.mark.slow
 def test_a_sleeping_stack_moves_like_one_that_never_sleeps():
     """Its support begins to move, however slowly: along, up, down, about its axis."""
     ends = []
