@@ -257,6 +257,8 @@ def test_trimesh_finds_each_body_at_its_first_place(tmp_path):
         simulation.run(10).remove(1)
         simulation.run(10)
     writer.save(simulation)
+    colours = writer.poses()[2]
+    assert (colours == colours[0]).all() and np.ptp(colours[0], axis=0).max() > 0.1
     document = pygltflib.GLTF2().load(str(tmp_path / "run.glb"))
     hidden = {c.target.node for c in document.animations[0].channels if c.target.path == "scale"}
     assert 1 in hidden and not hidden & {0, *range(2, len(meshes))}

@@ -71,6 +71,8 @@ def test_gravity_is_a_number_or_a_vector():
     settings = Settings(gravity=(1, -9, 0.5))
     assert settings.gravity == settings.acceleration == (1.0, -9.0, 0.5)
     assert eval(repr(settings)) == settings != Settings(gravity=9.0)
+    text = TEXTS["gravity"].shown(settings)
+    assert text == "1,-9,0.5" and TEXTS["gravity"].parsed(text) == settings.gravity
     settings.gravity = np.array([0.0, -9000.0, 0.0])
     assert settings == Settings(gravity=9000.0) and settings.acceleration == (0.0, -9000.0, 0.0)
 
