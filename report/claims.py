@@ -72,7 +72,7 @@ Written by `python report/build.py` from `claims.csv`. *Laws* predict without a 
 *Bounds* are regression tests: the value was measured first, and the bound set beside it. The build
 exits with 1 if either fails. `python report/build.py --only NAME` measures a row again; NAME is the
 part of its number before the dot. Tests hold that grid, batches and loop give the same bits
-(`tests/geometry/test_broadPhase.py`), and queue and sweep (`tests/stepping/test_constraints.py`).
+(`tests/stepping/test_forms.py`), and queue and sweep (`tests/stepping/test_constraints.py`).
 
 | | quantity | measured | law or bound | number | what tested it, or would have refuted the cause |
 |---|---|---|---|---|---|

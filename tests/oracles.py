@@ -74,14 +74,6 @@ def state_of(meshes):
     return np.array(rows).reshape(len(meshes), 13)
 
 
-def outcome(meshes, report):
-    """The outcome of a step: the bytes of the state, and the reported contacts as text.
-
-    Two outcomes are equal if every bit is, the signs of zeros included.
-    """
-    return state_of(meshes).tobytes(), repr(report.contacts)
-
-
 def restore(meshes, rows):
     """Gives meshes the state that `state_of` took, as a caller does: by assigning attributes."""
     for m, row in zip(meshes, rows, strict=True):

@@ -66,6 +66,16 @@ def above(mesh, gap=0.0):
     return mesh
 
 
+def farthest(mesh, way):
+    """The index of the vertex of a mesh that is farthest along a direction (3,), at rest."""
+    return int((mesh.origVertices @ way).argmax())
+
+
+def nearest(mesh, point):
+    """The index of the vertex of a mesh that is nearest to a point (3,) or (1, 3)."""
+    return int(np.linalg.norm(mesh.currVertices - point, axis=1).argmin())
+
+
 def kinetic(meshes):
     total = 0.0
     for mesh in (mesh for mesh in meshes if not mesh.isFixed):
@@ -208,10 +218,8 @@ def overlapping(engine, counts):
 def tangle(engine, count):
     """Largest speed of hulls of random corners that lie in each other on the ground."""
     rng = np.random.default_rng(5)
-    corners, places = (
-        rng.normal(size=(count, 12, 3)),
-        rng.uniform((-2, 2, -2), (2, 6, 2), (count, 3)),
-    )
+    corners = rng.normal(size=(count, 12, 3))
+    places = rng.uniform((-2, 2, -2), (2, 6, 2), (count, 3))
     meshes = [shapes.convex_hull(c, 1.0, x) for c, x in zip(corners, places, strict=True)]
     run(engine, meshes, 0.6)
     return (top_speed(meshes),)
@@ -324,7 +332,7 @@ def slope(engine, degrees, side=1.0, seconds=10.0, mu=0.0, **settings):
 def pendulum(engine, degrees, length, seconds=30.0, side=0.2, spin=(0, 0, 0), **settings):
     """Energy that a pendulum has at the end, of that at the start. side : of its bob, along x"""
     anchor, bob = box(0, 30, 0, isFixed=True), throw(box(0, 0, 0, (side, 0.2, 0.2)), spin=spin)
-    corner, tip = (int((s * m.origVertices.sum(1)).argmax()) for s, m in ((-1, anchor), (1, bob)))
+    corner, tip = farthest(anchor, (-1, -1, -1)), farthest(bob, (1, 1, 1))
     point, arm = anchor.currVertices[corner], bob.origVertices[tip]
     string = rotation(quaternion((0, 0, 1), degrees)).apply([0, 1, 0])  # from the bob up
     bob.orientation = Rotation.align_vectors([string], [arm])[0].as_quat()[None, [3, 0, 1, 2]]
@@ -450,12 +458,10 @@ def crowd(engine):
     return np.linalg.norm(gain) / np.linalg.norm(before, axis=1).sum()
 
 
-def time_steps(engine, kind, *steps):
-    """By how much a stack of five, or a chain that swings, is faster in steps of these lengths."""
-    meshes, ties = (stack(5, UNIT), []) if kind == "stack" else hanging(10, 1.0)
-    settings = {"constraints": ties, "sleeping": False, "hasGround": not ties}
-    world, _ = run(engine, meshes, 6.0 if ties else 0.4, **settings)
-    fastest = []
+def time_steps(engine, *steps):
+    """By how much a stack of five is faster in steps of these lengths."""
+    meshes, fastest = stack(5, UNIT), []
+    world, _ = run(engine, meshes, 0.4, sleeping=False)
     for h in (TIME_STEP, *steps * 10):
         world.arguments = h, 0.0
         world.step()
@@ -491,19 +497,12 @@ def hit(engine, ratio):
     return -1e3 * lows.min(), -1e3 * lows[-1]
 
 
-def hanging(count, ratio):
-    """`(meshes, constraints)` of a chain whose end is `ratio` times as dense."""
-    links = [box(0, 20 - 0.5 * k, 0, (0.2, 0.2, 0.2), isFixed=k == 0) for k in range(count)]
-    links.append(box(0, 20 - 0.5 * count, 0, (0.2, 0.2, 0.2), density=ratio))
-    low, high = (int((links[1].origVertices @ (1, s, 1)).argmax()) for s in (-3, 3))
-    ties = [[k, low, k + 1, high, 0.3, True] for k in range(count)]
-    return links, ties
-
-
 def chain(engine, count=20, ratio=1000.0):
     """Stretch in % of the longest link of a chain with a heavy end, after 10 s."""
-    links, ties = hanging(count, ratio)
-    low, high = ties[0][1], ties[0][3]
+    links = [box(0, 20 - 0.5 * k, 0, (0.2, 0.2, 0.2), isFixed=k == 0) for k in range(count)]
+    links.append(box(0, 20 - 0.5 * count, 0, (0.2, 0.2, 0.2), density=ratio))
+    low, high = (farthest(links[1], (1, s, 1)) for s in (-3, 3))
+    ties = [[k, low, k + 1, high, 0.3, True] for k in range(count)]
     run(engine, links, 10.0, constraints=ties, **HANGING)
     ends = [a.currVertices[low] - b.currVertices[high] for a, b in itertools.pairwise(links)]
     return 100 * (max(map(np.linalg.norm, ends)) / 0.3 - 1)
@@ -516,7 +515,7 @@ def beads(count, ratio=1.0, degrees=0.0):
     links, make = [], partial(shapes.convex_hull, CORNERS / 6, orientation=turned)
     for k, density in enumerate([1.0] * count + [ratio]):
         links.append(make(density, 0.5 * k * way, isFixed=k == 0))
-    low, high = (int((s * links[0].origVertices[:, 1]).argmax()) for s in (-1, 1))
+    low, high = (farthest(links[0], (0, s, 0)) for s in (-1, 1))
     return links, [[k, low, k + 1, high, 0.3, True] for k in range(count)]
 
 
@@ -572,12 +571,9 @@ def ring(count):
     angles, ties = 2 * np.pi * np.arange(count) / count, []
     meshes = [box(1.5 * np.cos(a), 1.5 * np.sin(a), 0, (0.2, 0.2, 0.2)) for a in angles]
     for k, (a, b) in enumerate(zip(meshes, meshes[1:] + meshes[:1], strict=True)):
-        ends = [
-            int(np.linalg.norm(m.currVertices - o.position, axis=1).argmin())
-            for m, o in ((a, b), (b, a))
-        ]
-        length = np.linalg.norm(a.currVertices[ends[0]] - b.currVertices[ends[1]])
-        ties += [[k, ends[0], (k + 1) % count, ends[1], length, upper] for upper in (True, False)]
+        i, j = nearest(a, b.position), nearest(b, a.position)
+        length = np.linalg.norm(a.currVertices[i] - b.currVertices[j])
+        ties += [[k, i, (k + 1) % count, j, length, isUpper] for isUpper in (True, False)]
     return meshes, ties
 
 
@@ -591,37 +587,32 @@ def overstretched(engine, count, factor):
     return top_speed(links)
 
 
-def ropes(engine, *directions, side=0.2, length=1.0, rigid=False, seconds=4.0):
+def ropes(engine, *directions, side=0.2, length=1.0, seconds=4.0, **more):
     """Speed and spin of a cube in the end that ropes tie to anchors 5 m away."""
-    meshes, ties = [box(0, 20, sides=(side, side, side))], []
-    for k, way in enumerate(np.array(directions, dtype=float), 1):
-        place = np.array([0, 20, 0]) + 5 * way / np.linalg.norm(way)
-        meshes.append(box(*place, (0.2, 0.2, 0.2), isFixed=True))
-        own, anchor = (
-            int((mesh.origVertices @ (s * way + (0.01, 0.02, 0.03))).argmax())
-            for mesh, s in ((meshes[0], 1), (meshes[k], -1))
-        )
-        ties += [[0, own, k, anchor, length, isUpper] for isUpper in (True, False)[: 1 + rigid]]
-    run(engine, meshes, seconds, constraints=ties, **HANGING)
-    return np.linalg.norm(meshes[0].linVelocity), np.linalg.norm(meshes[0].angVelocity)
+    mesh = box(0, 20, sides=(side, side, side))
+    return tied(engine, mesh, directions, seconds, lambda apart: length, **more)
 
 
-def taut(engine, percent, *axes, density=1.0, rigid=False, velocity=(0, 0, 0), spin=(0, 0, 0)):
+def taut(engine, percent, *axes, density=1.0, velocity=(0, 0, 0), spin=(0, 0, 0), **more):
     """Speed and spin after 2 s of an octahedron that ropes along axes, too short by so many
     percent, tie to anchors 5 m away on both sides.
     """
     mesh = throw(shapes.convex_hull(CORNERS / 6, density, (0, 20, 0)), velocity, spin)
+    directions = [sense * np.eye(3)[axis] for axis in axes for sense in (1, -1)]
+    return tied(engine, mesh, directions, 2.0, lambda apart: apart / (1 + percent / 100), **more)
+
+
+def tied(engine, mesh, directions, seconds, length_of, rigid=False):
+    """Speed and spin of a body that is tied; length_of : of the distance at the start"""
     meshes, ties = [mesh], []
-    for way in (sense * np.eye(3)[axis] for axis in axes for sense in (1, -1)):
-        meshes.append(box(*(5 * way + [0, 20, 0]), (0.2, 0.2, 0.2), isFixed=True))
-        ends = [
-            int((m.origVertices @ (s * way + (0.01, 0.02, 0.03))).argmax())
-            for m, s in ((mesh, 1), (meshes[-1], -1))
-        ]
-        length = np.linalg.norm(mesh.currVertices[ends[0]] - meshes[-1].currVertices[ends[1]])
-        row = [0, ends[0], len(meshes) - 1, ends[1], length / (1 + percent / 100)]
-        ties += [[*row, isUpper] for isUpper in (True, False)[: 1 + rigid]]
-    run(engine, meshes, 2.0, constraints=ties, **HANGING)
+    for k, way in enumerate(np.array(directions, dtype=float), 1):
+        place = mesh.position[0] + 5 * way / np.linalg.norm(way)
+        meshes.append(box(*place, (0.2, 0.2, 0.2), isFixed=True))
+        own = farthest(mesh, (0.01, 0.02, 0.03) + way)
+        anchor = farthest(meshes[k], (0.01, 0.02, 0.03) - way)
+        length = length_of(np.linalg.norm(mesh.currVertices[own] - meshes[k].currVertices[anchor]))
+        ties += [[0, own, k, anchor, length, isUpper] for isUpper in (True, False)[: 1 + rigid]]
+    run(engine, meshes, seconds, constraints=ties, **HANGING)
     return np.linalg.norm(mesh.linVelocity), np.linalg.norm(mesh.angVelocity)
 
 

@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 from campaigns import run_campaign
-from oracles import assert_contact, box, quaternion, turned
+from oracles import assert_contact, box, quaternion, random_quaternions, turned
 
 import GJK
 
@@ -52,16 +52,21 @@ def test_nearly_parallel_edges(exponent):
 
 @pytest.mark.parametrize("sink", [0.0, 0.1])
 def test_box_flat_on_box(sink):
-    """A box 4 × 2 × 4 over one of 12 × 6 × 8: wholly on it, over a side, and over a corner."""
-    q = quaternion([1, -2, 2], 25)
+    """A box 4 × 2 × 4 over one of 12 × 6 × 8: wholly on it, over a side, and over a corner.
+
+    At any angle, near the origin and up to 1e5 from it.
+    """
     # x from 4 to 6 of 4 … 8: middle 5, z wholly on it; and x from 3 to 6, z from 1 to 4
-    for x, z, *centre in (1.5, -2, 1.5, -2), (6, 1, 5, 1), (5, 3, 4.5, 2.5):
-        pair = turned(box(12, 6, 8), q), turned(box(4, 2, 4) + [x, 4 - sink, z], q)
+    places = (1.5, -2, 1.5, -2), (6, 1, 5, 1), (5, 3, 4.5, 2.5)
+    rng = np.random.default_rng(1)
+    for k, q in enumerate(random_quaternions(rng, 60)):
+        (x, z, *centre), away = places[k % 3], 10.0 ** (k % 6) * rng.normal(size=3)
+        pair = turned(box(12, 6, 8), q) + away, turned(box(4, 2, 4) + [x, 4 - sink, z], q) + away
         result = GJK.is_collide(*pair)
         # the lower side of hull 2 is at 3 - sink
-        position = turned([centre[0], 3 - sink, centre[1]], q)
+        position = turned([centre[0], 3 - sink, centre[1]], q) + away
         assert_contact(*pair, result, depth=sink, position=position)
-        assert np.abs(result[2] - turned(UP, q)).max() < 1e-12
+        assert np.abs(result[2] - turned(UP, q)).max() < 1e-12 + 1e-15 * np.abs(away).max()
 
 
 def test_what_is_no_solid_point_set_is_refused():

@@ -15,7 +15,7 @@ from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.scene import Writer, followed_by
 from rbs.window.hand import Grab, shot
-from RigidBodySimulation import Settings, Simulation, ground, shapes
+from RigidBodySimulation import Mesh, Settings, Simulation, ground, shapes
 
 bothSolvers = pytest.mark.parametrize("solver", ["impulse", "soft-step"])
 notOnWindows = pytest.mark.skipif(os.name == "nt", reason="Windows has no such links or signals")
@@ -196,11 +196,24 @@ def test_whatever_is_done_by_hand_is_recorded_replayed_resumed_and_restored(tmp_
         assert simulation.constraints == state.constraints
 
 
-def test_copies_of_bodies_keep_an_inertia_that_was_assigned():
-    light = shapes.box((1, 1, 1), 5.0, (0, 4, 0))
+def test_copies_of_bodies_keep_their_faces_and_an_inertia_that_was_assigned():
+    box = shapes.box((1, 1, 1), 5.0, (0, 4, 0))
+    turned = box.origVertices, box.faces[::-1], box.tets
+    light = Mesh("light", *turned, 5.0, (0, 9, 0), (1, 0, 0, 0), isFixed=False)
     light.invMass, light.invIT = 9.0, 3.0 * light.invIT
-    for one in boxes().add(light), *Simulation.from_meshes([light]).meshes:
+    for one in boxes().add(light), Simulation.from_meshes([box, light]).meshes[1]:
         assert one.invMass == 9.0 and one.invIT.tolist() == light.invIT.tolist()
+        assert one.faces.tolist() == light.faces.tolist()
+
+
+def test_a_change_of_the_solver_and_back_begins_anew():
+    """What the soft step has kept is out of date after a step of the other solver."""
+    simulation = boxes("soft-step").run(75)
+    simulation.settings.change("contactSolver", "impulse")
+    simulation.run(1).settings.change("contactSolver", "soft-step")
+    new = Simulation(simulation.source, simulation.settings)
+    new.set_state(simulation.state())
+    assert bits(simulation.run(5).state()) == bits(new.run(5).state())
 
 
 MOVING = ground()
@@ -245,17 +258,18 @@ def test_copies_in_the_midst_of_a_recording_go_on_by_themselves(tmp_path, solver
 
 @bothSolvers
 def test_a_state_goes_to_another_process_and_to_other_runs_of_the_scene(tmp_path, solver):
-    """With bodies that were added and removed, and the settings of its time."""
-    simulation = boxes(solver).run(5)
+    """With bodies that lie on others, were added and removed, and the settings of its time."""
+    simulation = boxes(solver).run(75)
     late = simulation.add(shapes.sphere(0.4, 50.0, (0, 4, 0)))
     simulation.constrain(late, late.position, 1, 0, 0.0)
     simulation.remove(2)
+    assert {(m1, m2) for m1, _, m2, *_ in simulation.constraints} == {(2, 1)}
     content = pickle.dumps(simulation.run(5).state())
     settings, end = dict(vars(simulation.settings)), simulation.run(10).state()
     other = Simulation(simulation.source, Settings(friction=0.9)).run(3)
     for one in (simulation, other):
         one.restore(pickle.loads(content))
-        assert one.stepCount == 10 and vars(one.settings) == settings
+        assert one.stepCount == 80 and vars(one.settings) == settings
         assert bits(one.run(10).state()) == bits(end)
     with pytest.raises(ValueError, match="a state of 3 bodies is not one of"):
         boxes(width=3).restore(pickle.loads(content))

@@ -96,6 +96,32 @@ def test_a_page_has_speeds_and_bodies_as_long_as_they_are_there(tmp_path):
     np.testing.assert_allclose(colours[0, 0], colours[37, 3], atol=0.03)
 
 
+# The matrix and the colour of each object that the player moves: bodies, shadows, links.
+DRAWN = """return K3DInstance.then((page) => page.getWorld().K3DObjects.children
+    .filter((one) => !one.matrixAutoUpdate)
+    .map((one) => [...one.matrix.elements, one.material.color.getHex()]));"""
+
+
+def test_bodies_and_links_are_drawn_as_the_run_has_them(tmp_path, browser):
+    meshes = [box_body(2, 2, 2, (4 * x, 12, 0), isFixed=x == 2) for x in range(3)]
+    links = [[0, 0, 1, 3, 9.0, True], [2, 1, 1, 0, 9.0, True]]
+    simulation = Simulation.from_meshes(meshes, links)
+    writer = PageWriter(tmp_path / "page.html", "speed")
+    with followed_by(simulation, writer):
+        simulation.run(30)
+    writer.save(simulation)
+    browser.get((tmp_path / "page.html").as_uri())
+    wait_for(lambda: text_of(browser, "time").endswith("of 0.60 s"))
+    places, _, colours, _ = writer.poses()
+    seen_at(browser, writer.times()[5] + 1e-3)
+    rows = np.array(browser.execute_script(DRAWN))
+    np.testing.assert_allclose(rows[:3, 12:15], places[5], atol=5e-3)
+    packed = np.rint(255 * colours[5]) @ (1 << 16, 1 << 8, 1)
+    assert rows[:3, 16].tolist() == packed.tolist()
+    ends = [places[5, b] + simulation.meshes[b].origVertices[v] for b, v in ((0, 0), (2, 1))]
+    np.testing.assert_allclose(rows[-2:, 12:15], ends, atol=5e-3)
+
+
 def test_the_colours_asked_for_are_in_the_file(tmp_path, capsys):
     words = ["tower", "--steps", 2, "--colours", "density", "--export"]
     assert call(capsys, *words, tmp_path / "d.glb")[0] == 0

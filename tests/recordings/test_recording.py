@@ -8,9 +8,10 @@ import signal
 import h5py
 import numpy as np
 import pytest
+from oracles import box_body
 from program import DATA, bits, call, record, start, wait_for
 
-from rbs.recordings.outputs import QUANTITY_UNITS
+from rbs.recordings.outputs import QUANTITY_UNITS, step_quantities
 from rbs.recordings.recording import Recording, RecordingError
 from rbs.recordings.replay import verify
 from rbs.scenes.simulation import SceneSimulation, Settings
@@ -27,6 +28,7 @@ def test_contacts_of_a_recorded_step_are_those_of_its_report(tmp_path, solver):
     for step in (0, 1, 10, 69, 80, 70):
         opened.seek(step)
         assert opened.contacts() == contacts[step] and opened.reportError == ""
+    assert opened.stats(99)["step"].tolist() == list(range(70, 81))
 
 
 @pytest.fixture(scope="module")
@@ -127,6 +129,7 @@ def test_resuming_takes_settings_and_needs_a_sound_step(chain, tmp_path, capsys)
     expected = Recording(chain).settings_at(60)[1] | {"restitution": 0.25, "friction": 0.5}
     expected["enforceConstraints"] = False
     assert Recording(rest).settings_at(62) == (60, expected)
+    assert [Simulation.resume(chain, k).settings.friction for k in (29, 30)] == [0.0, 0.5]
     soft = SceneSimulation(DATA / "tower-scene.txt", Settings(contactSolver="soft-step"))
     path = record(tmp_path / "soft.h5", soft, 12)
     bad = edited(path, tmp_path / "d.h5", put("positions", (9, 4, 1), 3.5))
@@ -210,6 +213,8 @@ def test_statistics_are_those_of_an_independent_computation(tmp_path, capsys):
             assert got["contacts"] == len(depths) and got["collisionsTime (ms)"] > 0.0
             assert got["deepestPenetration (m)"] == max(depths, default=0.0)
             assert got["candidatePairs"] == simulation.report.candidatePairs
+            took = step_quantities(simulation)["collisionsTime"]
+            assert took == 1e3 * simulation.report.seconds["collisions"]
         kinetic, potential, p, L = 0.0, 0.0, np.zeros(3), np.zeros(3)
         for mesh in (mesh for mesh in simulation.meshes if not mesh.isFixed):
             v, w = mesh.linVelocity[0], mesh.angVelocity[0]
@@ -225,3 +230,6 @@ def test_statistics_are_those_of_an_independent_computation(tmp_path, capsys):
             found = [got[f"{name}{axis} ({unit})"] for axis in "XYZ"]
             np.testing.assert_allclose(found, expected, 1e-11, 1e-11 * (1 + np.abs(expected).max()))
     assert contacts > 20
+    rows = [[0, 0, 1, 0, 3.5, False], [0, 0, 1, 0, 2.9, True]]  # the distance is 3
+    pair = Simulation.from_meshes([box_body(1, 1, 1, (x, 9, 0)) for x in (0, 3)], rows)
+    assert pair.largest_violation() == pytest.approx(0.5)

@@ -14,7 +14,7 @@ from rbs.recordings.gltf import GltfWriter
 from rbs.recordings.outputs import OutputError
 from rbs.recordings.recording import Recording
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.messages import one_line, short
+from rbs.scenes.messages import measured, one_line, short
 from rbs.scenes.scene import followed_by
 from rbs.scenes.simulation import SceneSimulation
 from RigidBodySimulation import Simulation, main, shapes
@@ -136,6 +136,7 @@ def test_a_writer_that_ends_early_leaves_nothing_or_what_it_has(tmp_path, capsys
 def test_texts_are_made_safe_and_short():
     assert one_line("a\nb\x1b[31m\udcff") == "a b [31m "
     assert short("a \n b", "c") == "a b c" and short("x" * 50) == "x" * 37 + "..."
+    assert [measured(x, "N") for x in (0.5, -1e3, 2.5e7)] == ["0.5 N", "-1 kN", "25 MN"]
 
 
 @pytest.mark.parametrize("ending", [".mp4", ".gif"])
@@ -256,6 +257,8 @@ def test_trimesh_finds_each_body_at_its_first_place(tmp_path):
         simulation.run(10).remove(1)
         simulation.run(10)
     writer.save(simulation)
+    colours = writer.poses()[2]
+    assert (colours == colours[0]).all() and np.ptp(colours[0], axis=0).max() > 0.1
     document = pygltflib.GLTF2().load(str(tmp_path / "run.glb"))
     hidden = {c.target.node for c in document.animations[0].channels if c.target.path == "scale"}
     assert 1 in hidden and not hidden & {0, *range(2, len(meshes))}

@@ -327,6 +327,7 @@ BROKEN = [
     ("a-scene.txt", "t.mesh", "u.mesh", 4),
     ("a-constraints.txt", "0 1 1 2", "0 9 1 2", 2),
     ("a-constraints.txt", "0.5 1.25", "1.25 0.5", 2),
+    ("a-constraints.txt", "1.25", "1.7e308", 2),
     ("a.msh", None, "", None),
     ("zero.obj", None, CUBE_OBJ.replace("f 4 ", "f 0 ", 1), 9),
     ("no face.obj", None, CUBE_OBJ.replace("f ", "l "), None),

@@ -14,11 +14,3 @@ def rows_with_a_tolerance():
 @pytest.mark.parametrize("one", list(rows_with_a_tolerance()))
 def test_the_soft_step_gives_what_is_due(one):
     assert np.all(abs(one.measure("soft step") - one.due) <= one.within)
-
-
-@pytest.mark.slow
-def test_a_tumbling_body_keeps_its_angular_momentum_in_the_basic_step_too():
-    momentum, energy, flips, first = laws.tumbling("basic step")
-    due = laws.tumbling_ode(20.0)
-    assert momentum < 1e-12 and energy < 1e-3
-    assert flips == len(due) >= 4 and first == pytest.approx(due[0], abs=0.02)

@@ -27,10 +27,8 @@ def run(meshes, seconds, **settings):
 
 def prism(sides, radius, height):
     """A flat prism that lies on y = 0."""
-    angle = 2 * np.pi * np.arange(sides) / sides + 0.1
-    ring = radius * np.cos(angle), radius * np.sin(angle)
-    points = [(x, y, z) for x, z in zip(*ring, strict=True) for y in (-height / 2, height / 2)]
-    return above(shapes.convex_hull(points, 1.0))
+    turn = quaternion((0, 1, 0), 6)
+    return above(shapes.cylinder(radius, height, 1.0, sides=sides, orientation=turn))
 
 
 def triangles(side=1.4, rows=4, count=10):
@@ -43,6 +41,12 @@ def triangles(side=1.4, rows=4, count=10):
         points = np.array([(a, y, b) for a, b in corners for y in (-0.7, 0)])
         meshes.append(shapes.convex_hull(points, 1.0, isFixed=True))
     return meshes
+
+
+def moving_tiles(velocity, spin):
+    """Tiles that move together, and turn about the origin."""
+    turn = np.array([0.0, spin, 0.0])
+    return [throw(one, velocity + np.cross(turn, one.position[0]), turn) for one in tiles()]
 
 
 def slab(depth=100):
@@ -110,6 +114,8 @@ SEAMS = {
     "landing": (lambda: box(-0.52, 0.8), tiles, (5, 0, 0)),
     "landing on triangles": (lambda: dropped(prism(6, 0.6, 0.5), 0.5), triangles, (3, 0, 0.2)),
     "free row, spinning": (lambda: spun(12, 0, 0.2), lambda: free_row(1.04, 0.5, 3), (0.6, 0, 0)),
+    "tiles that move": (box, lambda: moving_tiles((1, 0, 0), 0.0), (3, 0, 0)),
+    "tiles that turn": (box, lambda: moving_tiles((0, 0, 0), 0.3), (3, 0, 0)),
     "spinning": (lambda: spun(6, 0, 0.2, 0), lambda: tiles(0.9, 0.9, 5), (2, 0, 0)),
     "spinning fast": (lambda: spun(25, 0.1, 0.2, 0.2), lambda: tiles(0.9, 0.9, 5), (2, 0, 0)),
 }
@@ -160,15 +166,19 @@ def test_thin_plates_lie_on_each_other():
     assert min(mesh.currVertices[:, 1].min() for meshes in lanes for mesh in meshes) > -0.006
 
 
-def test_a_step_up_stops_a_box_and_a_step_down_does_not():
-    lanes = []
+def test_what_stands_out_of_the_floor_stops_a_box_and_a_step_down_does_not():
+    """Steps up, and an edge of 2 cm; the body below it reaches beyond the plane of the floor only
+    with this edge. With time steps down to 0.00125 s, the box rests on it after 0.78 to 0.87 m.
+    """
+    q, half, lanes = quaternion((0, 0, 1), 45), 0.15 * np.sqrt(2), []
+    edge = box_body(0.3, 0.3, 0.3, (1.2, 0.02 - half, 0), orientation=q, isFixed=True)
     for height in (0.05, 0.2, -0.01):
         floor = [box_body(4, 1, 4, (-1, -0.5, 0), isFixed=True)]
         floor.append(box_body(20, 1, 4, (11, height - 0.5, 0), isFixed=True))
         lanes.append((box(), floor, (1, 0, 0)))
-    way, speed, _ = slide(lanes, 2.0)
-    assert way[:2].max() < 0.3 and speed[:2].max() < 0.05
-    assert speed[2] == pytest.approx(1.0, abs=0.05)
+    way, speed, _ = slide([*lanes, (box(), [edge, *slab(4)], (1, 0, 0))], 2.0)
+    assert way[:2].max() < 0.3 and speed[[0, 1, 3]].max() < 0.05
+    assert speed[2] == pytest.approx(1.0, abs=0.05) and 0.75 < 2.0 * way[3] < 0.9
 
 
 def test_what_slides_down_a_slope_goes_on_where_it_meets_the_floor():
@@ -196,27 +206,6 @@ def test_what_slides_down_a_slope_goes_on_where_it_meets_the_floor():
 
     run(in_lanes(*lanes), 4.0, watch=watch)
     assert (found > 0.95 * np.array(due)).all()
-
-
-def test_an_edge_that_stands_out_of_the_floor_stops_a_box():
-    """By 2 cm. The body below it reaches beyond the plane of the floor only with this edge.
-
-    With time steps down to 0.00125 s, it comes to rest on the edge, after 0.78 to 0.87 m.
-    """
-    q, half = quaternion((0, 0, 1), 45), 0.15 * np.sqrt(2)
-    edge = box_body(0.3, 0.3, 0.3, (1.2, 0.02 - half, 0), orientation=q, isFixed=True)
-    way, speed, _ = slide([(box(), [edge, *slab()], (1, 0, 0))], 2.0)
-    assert 0.75 < 2.0 * way[0] < 0.9 and speed[0] < 0.1
-
-
-def test_tiles_that_move_together_carry_a_box_over_their_seams():
-    floor, turning = tiles(), tiles()
-    for mesh, other in zip(floor, turning, strict=True):
-        throw(mesh, (1.0, 0.0, 0.0))
-        throw(other, np.cross([0.0, 0.3, 0.0], other.position[0]), (0.0, 0.3, 0.0))
-    way, speed, lift = slide([(box(), floor, (3, 0, 0)), (box(), turning, (3, 0, 0))])
-    assert way == pytest.approx(1.0, abs=0.02) and speed == pytest.approx(1.0, abs=0.02)
-    assert max(lift) < 5e-3
 
 
 def log_on_plank(kind, rng):
@@ -295,7 +284,6 @@ def test_a_blow_on_tiles_is_not_repeated():
     assert ends[2:] == pytest.approx(np.array(due[2:]), abs=0.02)
 
 
-@pytest.mark.slow
 def test_what_starts_deep_in_the_ground_and_below_another_comes_out():
     """Being pushed out, they have no velocity, but do not sleep. A load may stay, and sag."""
     lanes, ratios = [], (1, 1, 10, 100)
@@ -355,8 +343,11 @@ def test_what_others_hold_stays_where_it_is_if_one_support_is_removed():
 # Grounds that move, and bodies that are linked
 
 
+@pytest.mark.parametrize("size", [1.0, 4e-4])
 @pytest.mark.parametrize("velocity, spin", [((1, 0, -0.5), 0.0), ((0, 0, 0), 0.5)])
-def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(velocity, spin):
+def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(velocity, spin, size):
+    """However slowly."""
+    velocity, spin = size * np.array(velocity), size * spin
     isGround, options = spin == 0.0, {"mu": 1.0, "contactSolver": "soft-step"}
     floor, mesh, state = ground() if isGround else slab()[0], box(1.0), SolverState()
 
@@ -370,15 +361,14 @@ def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(velocit
     assert state.sleep.isAsleep[0]
     floor.linVelocity, floor.angVelocity = np.array([velocity]), np.array([[0.0, spin, 0.0]])
     step(1.0)
-    due = np.array(velocity) + np.cross([0, spin, 0], mesh.position[0])
-    assert mesh.linVelocity[0] == pytest.approx(due, abs=0.01)
-    assert mesh.angVelocity[0] == pytest.approx([0, spin, 0], abs=0.01)
+    due = velocity + np.cross([0, spin, 0], mesh.position[0])
+    assert mesh.linVelocity[0] == pytest.approx(due, abs=0.01 * size)
+    assert mesh.angVelocity[0] == pytest.approx([0, spin, 0], abs=0.01 * size)
     floor.linVelocity, floor.angVelocity = np.zeros((2, 1, 3))
     step(2.0)
     assert state.sleep.isAsleep[0] and not mesh.linVelocity.any()
 
 
-@pytest.mark.slow
 def test_a_sleeping_stack_moves_like_one_that_never_sleeps():
     """Its support begins to move, however slowly: along, up, down, about its axis."""
     ends = []
@@ -423,12 +413,13 @@ def test_linked_bodies_pass_through_each_other_if_they_may():
             a, b = (m.currVertices for m in meshes[:2])
             shared = np.argwhere(np.linalg.norm(a[:, None] - b, axis=2) < 1e-9).tolist()
             upper = [(i, j) for i, j in shared if a[i, 1] > 20]
-            links = [[m, i, m + 1, j, 0.0, True] for m in range(2) for i, j in upper]
+            links = [[1, j, 0, i, 0.0, True] for i, j in upper]  # in either order
+            links += [[1, i, 2, j, 0.0, True] for i, j in upper]
             options = options | {"constraints": links, "linkedBodiesCollide": collide}
             for _ in range(10):
                 run_timestep(meshes, None, H, 0.0, solverState=state, **options)
             depth = max(m.detect_collision(n)[1] for m, n in itertools.pairwise(meshes[:3]))
-            assert (depth < 0.05) == collide or k < 3
+            assert (depth < 0.1) == collide
             ends[k, collide] = state_of(meshes)
         assert all(np.array_equal(ends[0, collide], ends[k, collide]) for k in (1, 2))
     assert not np.array_equal(ends[0, True], ends[0, False])

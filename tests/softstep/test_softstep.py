@@ -7,7 +7,18 @@ import numpy as np
 import oracles
 import pytest
 from engines import throw
-from experiments import FREE, HANGING, beads, energy, fall, kinetic, run, top_speed
+from experiments import (
+    FREE,
+    HANGING,
+    beads,
+    energy,
+    fall,
+    farthest,
+    kinetic,
+    nearest,
+    run,
+    top_speed,
+)
 from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation, state_of
 from scipy.spatial.transform import Rotation
 
@@ -25,18 +36,6 @@ def simulate(meshes, steps, state=None, CRCoeff=0.0, timeStep=H, **more):
     more["solverState"] = state = SolverState() if state is None else state
     given = "soft step", meshes, steps * timeStep, timeStep, CRCoeff
     return state, run(*given, **more)[0].report
-
-
-def some_heap(seed, count):
-    """Boxes, octahedra and cylinders that fall onto each other and do not touch at the start."""
-    rng = np.random.default_rng(seed)
-    turns = random_quaternions(rng, count)
-    heap = []
-    for i, q in enumerate(turns):
-        place = rng.uniform(-4, 4), 9 + 17 * i, rng.uniform(-4, 4)
-        name = ("box", "octahedron", "cylinder")[i % 3]
-        heap.append(body(name, place, q, density=rng.uniform(1, 5)))
-    return heap
 
 
 def test_corners_that_are_selected_twice_are_points_once_in_one_order_on_every_processor():
@@ -119,28 +118,6 @@ def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
     assert top_speed(meshes) < 0.01 * np.sqrt(-GRAVITY * scale)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name, below", [("tetrahedron", "slab"), ("ellipsoid", "ground")])
-def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
-    for seed in range(6):
-        rng = np.random.default_rng(seed)
-        thrown = body(name, orientation=random_quaternions(rng, 1)[0])
-        radius = thrown.hull.radius
-        thrown.position, fast = np.array([[0.0, 2.5 * radius, 0.0]]), np.sqrt(radius / 5)
-        throw(thrown, fast * np.array([3.0, -10.0, 0.0]), 2 / fast * rng.normal(size=3))
-        meshes = [thrown]
-        if below == "slab":
-            sides = 40 * radius, radius, 40 * radius
-            meshes.append(box_body(*sides, (0, -radius / 2, 0), isFixed=True))
-        state, lowest, touches = SolverState(), [], 0
-        for _ in range(150):
-            report = simulate(meshes, 1, state, hasGround=below == "ground")[1]
-            lowest.append(thrown.currVertices[:, 1].min())
-            touches += bool(report.contacts)
-        assert touches > 10
-        assert min(lowest) > -0.005 * radius
-
-
 def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy():
     """It is 20 m high, with a radius of 5 m. If springs that lift it did work, it would gain up to
     0.54 J/kg on a slab.
@@ -189,13 +166,25 @@ def test_a_body_that_is_pulled_hard_stops_at_a_wall():
     """It was at rest. The rope would pull it through the wall within a step."""
     meshes = [box_body(0.4, 0.4, 0.4, (0, 0, 0)), box_body(0.2, 99, 9, (0.7, 0, 0), isFixed=True)]
     meshes.append(throw(box_body(1, 1, 1, (3, 3, 0)), (30, 30, 0)))
-    corner = meshes[0].currVertices.sum(axis=1).argmax()
-    lengths = np.linalg.norm(meshes[2].currVertices - meshes[0].currVertices[corner], axis=1)
-    state, rope = SolverState(), [[0, corner, 2, lengths.argmin(), lengths.min(), True]]
+    corner = farthest(meshes[0], (1, 1, 1))
+    other = nearest(meshes[2], meshes[0].currVertices[corner])
+    length = np.linalg.norm(meshes[2].currVertices[other] - meshes[0].currVertices[corner])
+    state, rope = SolverState(), [[0, corner, 2, other, length, True]]
     for _ in range(5):
         simulate(meshes, 1, state, hasGround=False, mu=0.0, constraints=rope, gravity=(0, 0, 0))
         assert meshes[0].position[0, 0] < 0.45
     assert meshes[0].position[0, 1] > 6.0
+
+
+def test_a_rod_that_spins_does_not_pass_a_peg():
+    """Which its end would do within a step: it moves by 0.6 m, and the peg is 0.1 m thick."""
+    rods = [throw(box_body(4, 0.2, 0.2, (0, 0, 9 * k)), spin=(0, 0, 15)) for k in range(12)]
+    pegs = []
+    for k, angle in enumerate(np.linspace(0.3, 0.6, 12)):
+        place, turn = 1.9 * np.array([np.cos(angle), np.sin(angle), 0]), quaternion((0, 0, 1), 30)
+        pegs.append(box_body(0.1, 0.1, 1, place + [0, 0, 9 * k], orientation=turn, isFixed=True))
+    simulate(rods + pegs, 8, hasGround=False, gravity=(0, 0, 0))
+    assert max(rod.angVelocity[0, 2] for rod in rods) < 5.0
 
 
 def test_bars_hold_a_body_as_thin_as_a_needle():
@@ -214,17 +203,18 @@ def test_bars_hold_a_body_as_thin_as_a_needle():
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_the_ground_takes_no_momentum_without_friction(e):
     """Heaps slide as they fall, one starts in the ground, and a box hits a sleeping row."""
-    groups = []
-    for k in range(2):
+    groups = [], []
+    for k, heap in enumerate(groups):
         rng = np.random.default_rng(k)
-        groups.append(some_heap(k, 4))
-        for i, mesh in enumerate(groups[k]):
+        for i, q in enumerate(random_quaternions(rng, 4)):
             place = rng.uniform(-3, 3), 4 + 4 * i, 100 * k + rng.uniform(-3, 3)
-            mesh.position = np.array([place])
-            throw(mesh, (rng.uniform(1, 7), 0.0, rng.uniform(-3, 3)))
+            name = ("box", "octahedron", "cylinder", "box")[i]
+            mesh = body(name, place, q, density=rng.uniform(1, 5))
+            heap.append(throw(mesh, (rng.uniform(1, 7), 0.0, rng.uniform(-3, 3))))
     assert groups[0][0].currVertices[:, 1].min() < 0.0
-    groups.append([box_body(1, 1, 1, (x, 0.5, -100)) for x in (-1.8, *range(5))])
-    throw(groups[2][0], (1.0, 0.0, 0.0))
+    row = [box_body(1, 1, 1, (x, 0.5, -100)) for x in (-1.8, *range(5))]
+    throw(row[0], (1.0, 0.0, 0.0))
+    groups = *groups, row
 
     def momenta():
         sums = [sum(m.mass * m.linVelocity[0, ::2] for m in meshes) for meshes in groups]
@@ -274,20 +264,6 @@ def test_a_bounce_far_away_moves_nothing():
         results.append(state_of(meshes))
     assert results[0][4, 8] > 2.0  # it has bounced
     assert results[0][:4] == pytest.approx(results[1][:4], abs=1e-12)
-
-
-@pytest.mark.slow
-def test_bodies_that_fall_onto_each_other_gain_no_energy():
-    """In any step at restitution 1."""
-    meshes, state, hits = some_heap(3, 7), SolverState(), 0
-    energies = [energy(meshes)]
-    for _ in range(315):
-        report = simulate(meshes, 1, state, CRCoeff=1.0, mu=0.0, sleeping=False)[1]
-        energies.append(energy(meshes))
-        hits += any(c.body2 >= 0 and c.impulse > 0.0 for c in report.contacts)
-    assert hits > 10 and energies[-1] > 0.5 * energies[0]
-    assert np.diff(energies).max() < 1e-6 * energies[0]
-    assert penetrations(meshes).max(initial=0.0) < 0.2
 
 
 def test_bodies_in_each_other_part_whatever_the_time_step_was():
@@ -387,7 +363,7 @@ def hung(count, length):
     turn = quaternion((0, 0, 1), 60)
     way = rotation(turn).apply((0, -1, 0))
     meshes, constraints = [box_body(0.2, 0.2, 0.2, (0, 0, 0), isFixed=True)], []
-    low, high = (int((meshes[0].origVertices @ (1, s, 3)).argmax()) for s in (-2, 2))
+    low, high = (farthest(meshes[0], (1, s, 3)) for s in (-2, 2))
     for k in range(count):
         mesh = box_body(0.1, 1.0, 0.1, (0, 0, 0), orientation=turn)
         mesh.position = (meshes[k].currVertices[low] + length * way - mesh.currVertices[high])[None]
@@ -401,10 +377,10 @@ def tied_at_both_ends():
     mesh = box_body(1.0, 0.1, 0.1, (0, 0, 0), orientation=quaternion((0, 0, 1), 20))
     meshes, constraints = [mesh], []
     for k, side in enumerate((-1, 1), 1):
-        own = (mesh.origVertices @ (side, -2, 3)).argmax()
+        own = farthest(mesh, (side, -2, 3))
         place = mesh.currVertices[own] + 0.1
         meshes.append(box_body(0.2, 0.2, 0.2, place, isFixed=True))
-        other = np.linalg.norm(meshes[k].currVertices - mesh.currVertices[own], axis=1).argmin()
+        other = nearest(meshes[k], mesh.currVertices[own])
         constraints += [[0, own, k, other, 0.0, isUpper] for isUpper in (True, False)]
     return meshes, constraints
 
@@ -485,12 +461,8 @@ def test_a_link_that_is_removed_takes_only_its_own_constraints_along():
 def test_what_sleeps_on_ropes_falls_when_its_anchor_is_removed(isNoted):
     """The anchor is fixed or, as the last of the list, also removed without a word."""
     meshes = [box_body(1, 1, 1, (0, 0, 0)), box_body(1, 1, 1, (0, 3, 0), isFixed=True)]
-    high = np.flatnonzero(meshes[0].origVertices[:, 1] > 0)
-    ends = [
-        np.abs(meshes[1].origVertices - (x, -y, z)).sum(axis=1)
-        for x, y, z in meshes[0].origVertices[high]
-    ]
-    ropes = [[0, i, 1, d.argmin(), 2.0, True] for i, d in zip(high, ends, strict=True)]
+    upper = [(i, at + (0, 2, 0)) for i, at in enumerate(meshes[0].currVertices) if at[1] > 0]
+    ropes = [[0, i, 1, nearest(meshes[1], above), 2.0, True] for i, above in upper]
     state, _ = simulate(meshes, 100, hasGround=False, constraints=ropes)
     assert state.sleep.isAsleep[0]
     if isNoted:

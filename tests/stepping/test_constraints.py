@@ -11,6 +11,7 @@ from oracles import box_body, ground, restore, state_of
 
 import RBSFunctions
 from rbs.scenes.simulation import SceneSimulation
+from rbs.stepping import kernels
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, SETTINGS, Settings
 from RBSFunctions import resolve_position_constraint, resolve_velocity_constraint, run_timestep
 
@@ -41,6 +42,42 @@ def test_coincident_points_are_parted_along_y(invMasses, up, down):
         assert np.array_equal(np.subtract(corrected, positions)[:, 0], expected)
 
 
+@pytest.mark.parametrize("upper", [True, False])
+def test_the_formulas_on_arrays_have_the_bits_of_the_taught_functions(upper):
+    """For many constraints at once; two bodies in three move, points of every seventh coincide."""
+    rng, count, tolerance = np.random.default_rng(5), 1000, 0.3
+    w, root = 10.0 ** rng.uniform(-3, 3, (2, count)), rng.normal(size=(2, count, 3, 3))
+    w[0, ::3] = w[1, 1::3] = 0.0
+    tensors = w[..., None, None] * (root @ root.swapaxes(2, 3))
+    x, v, omega, arm = rng.normal(size=(4, 2, count, 3)) * 10.0 ** rng.uniform(-1, 1, (2, count, 1))
+    points = x + arm
+    points[1, ::7] = points[0, ::7]
+    refValue = np.linalg.norm(points[0] - points[1], axis=1) * rng.uniform(0.5, 1.5, count)
+    refValue[::7] = 0.4
+
+    tables = [np.moveaxis(table, 2, 0) for table in (x, points, np.concatenate((v, omega), axis=2))]
+    position, point, velocity = map(np.copy, tables)
+    C, n = kernels.distance_error(*point.swapaxes(0, 1), refValue)
+    isViolated = kernels.is_violated(C, upper, tolerance)
+    moved = position + kernels.position_corrections(w, C) * n[:, None]
+    inertia = np.moveaxis(tensors.reshape(2, count, 9), 2, 0)
+    kernels.resolve_velocity_constraint(velocity, w, inertia, point - position, n, tolerance)
+    stopped = 0
+    for c in range(count):
+        at, speeds, masses = (x[:, c], points[:, c]), (v[:, c], omega[:, c]), w[:, c]
+        wasValid, found = resolve_position_constraint(*at, refValue[c], masses, upper, tolerance)
+        assert wasValid is not bool(isViolated[c])
+        assert wasValid or np.array_equal(np.ravel(found), moved[..., c].T.ravel())
+        wasValid, *found = resolve_velocity_constraint(
+            *at, *speeds, masses, tensors[:, c], tolerance
+        )
+        assert np.array_equal(
+            np.reshape(found, (2, 2, 3)), velocity[..., c].reshape(2, 3, 2).swapaxes(1, 2)
+        )
+        stopped += not wasValid
+    assert 100 < np.count_nonzero(isViolated) < 900 and stopped > 500
+
+
 def tangle(rng, count=24, fixed=2):
     """Eight cubes far from each other and links between corners of any two: (meshes, links).
 
@@ -59,9 +96,11 @@ def tangle(rng, count=24, fixed=2):
     for m1, m2 in ends[ends[:, 0] != ends[:, 1]].tolist():
         v1, v2 = rng.integers(8, size=2).tolist()
         distance = np.linalg.norm(meshes[m1].currVertices[v1] - meshes[m2].currVertices[v2])
-        refValue = float(rng.choice([0.0, distance * rng.uniform(0.98, 1.02)], p=[0.1, 0.9]))
+        # zero, or within the tolerance, or about the distance
+        lengths = [0.0, 5e-4, distance * rng.uniform(0.98, 1.02)]
+        refValue = float(rng.choice(lengths, p=[0.05, 0.05, 0.9]))
         # No point is pulled onto another one of a body 12 m away.
-        constraints.append([m1, v1, m2, v2, refValue, refValue > 0 and bool(rng.integers(2))])
+        constraints.append([m1, v1, m2, v2, refValue, refValue > 1.0 and bool(rng.integers(2))])
     return meshes, constraints
 
 

@@ -1,170 +1,153 @@
-"""The two forms of each formula give the same bits: for a pair in floats, for many in arrays."""
+"""A step pair by pair, with the grid, and in batches on arrays: the same motion to the last bit."""
 
-from types import SimpleNamespace
+import itertools
+from collections import Counter
 
 import numpy as np
 import pytest
-from oracles import SHAPES, body, random_quaternions, state_of
+from engines import throw
+from oracles import SHAPES, body, box_body, ground, quaternion, random_quaternions, state_of
 
-from Quaternion import exponential, exponentials
-from rbs.geometry import triples, vectors
-from rbs.stepping import kernels
-from rbs.stepping.bodies import bodies_of
-from RBSFunctions import (
-    Body,
-    direction,
-    resolve_collision,
-    resolve_position_constraint,
-    resolve_velocity_constraint,
+from rbs.geometry.facets import find_facets
+from rbs.stepping import batches
+from RBSFunctions import run_timestep
+
+# Three ways to make the same step.
+WAYS = {}, {"broadPhase": "grid"}, {"contactScheduling": "batches"}
+# What rbs/stepping/batches.py makes margins of: too little, with nothing remembered; as usual; too
+# much. That changes what a step costs, never what comes of it.
+NOTHING = {"vectors.known_columns": lambda keys, *known: np.zeros((3, len(keys)))}
+MARGINS = (
+    {"LEAST_MARGIN": 1e-9, "MARGIN_GROWTH": 0, "FACET_MARGIN": 0} | NOTHING,
+    {},
+    {"LEAST_MARGIN": 0.1, "MARGIN_GROWTH": 10.0, "FACET_MARGIN": 2.0},
 )
 
-COUNT = 2000
 
-
-class Stub:
-    """A mesh as far as `resolve_collision` uses it."""
-
-    origVertices = (0,)
-
-    def __init__(self, *state):
-        self.body = Body(*state)
-
-    def body_state(self):
-        return self.body
-
-    def set_body_state(self, body):
-        self.body = body
-
-
-def column(table, c):
-    """Vector, matrix or number c of a table (…, m), as a tuple of floats or a float."""
-    return table[c].item() if table.ndim == 1 else tuple(table[:, c].tolist())
-
-
-def random_pairs(seed):
-    """invMasses (2, m), invInertias (9, 2, m), motion (9, 2, m) of pairs, and normals (3, m).
-
-    A third of the first bodies are fixed, and a third of the second ones. A fiftieth of the pairs
-    meet along the normal, without spin: they do not slide.
-    """
+def make_heap(seed):
+    """20 meshes of mixed shapes and sizes, turned at random, that overlap above the ground."""
     rng = np.random.default_rng(seed)
-    invMasses = 10.0 ** rng.uniform(-3, 3, (2, COUNT))
-    for k in range(2):
-        invMasses[k, k::3] = 0.0
-    root = rng.normal(size=(2, COUNT, 3, 3))
-    tensors = (root @ root.transpose(0, 1, 3, 2)).reshape(2, COUNT, 9)
-    invInertias = invMasses * tensors.transpose(2, 0, 1)
-    motion = rng.normal(size=(9, 2, COUNT)) * 10.0 ** rng.uniform(-1, 1, (2, COUNT))
-    n = rng.normal(size=(3, COUNT))
-    n /= vectors.norm(n)
-    motion[3:6, 0, ::50], motion[3:6, 1, ::50], motion[6:, :, ::50] = n[:, ::50], -n[:, ::50], 0.0
-    return rng, invMasses, np.ascontiguousarray(invInertias), motion, n
+    meshes = []
+    for k in range(20):
+        name, size = SHAPES[k % len(SHAPES)], np.exp(rng.uniform(*np.log([0.3, 3.0])))
+        position, density = rng.uniform((-12, 4, -12), (12, 28, 12)), rng.uniform(0.5, 2.0)
+        mesh = body(name, position, rng.normal(size=4), density, k % 11 == 10, size)
+        if not mesh.isFixed:
+            mesh.linVelocity = rng.normal(size=(1, 3)) * [3.0, 10.0, 3.0]
+            mesh.angVelocity = rng.normal(size=(1, 3))
+        meshes.append(mesh)
+    return meshes
 
 
-def states_of(invMasses, invInertias, motion, c):
-    """The two bodies of pair c: the arguments of `Body`."""
-    tables = [(invMasses[k], invInertias[:, k], *motion[:, k].reshape(3, 3, -1)) for k in (0, 1)]
-    return [[column(table, c) for table in tables[k]] for k in (0, 1)]
+def in_all_ways(make, groundMesh, timeStep, e, steps=1, **options):
+    """Steps the meshes that make() makes, in all WAYS, which have to give the same bits, the signs
+    of zeros included.
+
+    Returns the meshes at the end, and the contacts of all steps.
+    """
+    outcomes = []
+    for way in WAYS:
+        meshes, contacts = make(), []
+        outcomes.append([])
+        for _ in range(steps):
+            report = run_timestep(meshes, groundMesh, timeStep, e, **way, **options)
+            contacts += report.contacts
+            outcomes[-1].append((state_of(meshes).tobytes(), repr(report.contacts)))
+    assert outcomes[0] == outcomes[1] == outcomes[2]
+    return meshes, contacts
 
 
-def test_free_flight():
-    """By the methods of `Mesh` and those of `Bodies`, with fast and slow turns, also if fixed."""
-    rng = np.random.default_rng(2)
-    q = rng.normal(size=(4, COUNT))
-    q[1:] *= 10.0 ** rng.uniform(-7, 1, COUNT)
-    q[1:, :5] = 0.0
-    many = exponentials(tuple(q))
-    assert all(exponential(column(q, c)) == column(np.array(many), c) for c in range(COUNT))
+def make_pairs():
+    """300 pairs of bodies of all shapes, masses and speeds, far apart; two thirds of them meet.
 
-    for gyroscopic in (False, True):
-        runs = []
-        for inTables in (False, True):
-            rng = np.random.default_rng(3)
-            meshes = []
-            for k, turn in enumerate(random_quaternions(rng, 200)):
-                place, name = rng.normal(size=(1, 3)), SHAPES[k % len(SHAPES)]
-                mesh = body(name, place, turn, isFixed=k % 5 == 0)
-                mesh.linVelocity, mesh.angVelocity = rng.normal(size=(2, 1, 3)) * 10.0
-                meshes.append(mesh)
-            if inTables:
-                bodies = bodies_of(meshes)
-                bodies.integrate(0.02, gyroscopic)
-                bodies.write_back()
-            else:
-                for mesh in meshes:
-                    (mesh.integrate_tumbling if gyroscopic else mesh.integrate_timestep)(0.02)
-                    if mesh.isFixed:
-                        mesh.follow_velocity(0.02)
-            runs.append(state_of(meshes))
-        assert runs[0].tobytes() == runs[1].tobytes()
+    In every third pair, neither is turned, so that faces and edges rest on each other.
+    """
+    rng, meshes = np.random.default_rng(4), []
+    for k, turns in enumerate(random_quaternions(rng, 600).reshape(300, 2, 4)):
+        for i in range(2):
+            q, density = turns[i] if k % 3 else (1, 0, 0, 0), 10.0 ** rng.uniform(-3, 3)
+            mesh = body(rng.choice(SHAPES), (100.0 * k, 0, 0), q, density, isFixed=k % 5 == i)
+            speed, spin = rng.normal(size=(2, 3)) * 10.0 ** rng.uniform([[-1], [-6]], 1, (2, 1))
+            meshes.append(throw(mesh, speed, spin if k % 11 else (0, 0, 0)))
+        way = rng.normal(size=3)
+        way *= (meshes[-2].hull.radius + mesh.hull.radius) / np.linalg.norm(way)
+        mesh.position = mesh.position + rng.uniform() * way
+    return meshes
 
 
-MATERIALS = [(0.0, 0.3), (0.5, 0.6), (1.0, 5.0), (0.3, 0.0)]
+@pytest.mark.parametrize(("timeStep", "mu"), [(0.02, 0.4), (0.3, 2.0)])
+def test_a_contact_has_the_same_bits_alone_and_in_batches(timeStep, mu):
+    given = {"mu": mu, "gyroscopic": timeStep == 0.02}
+    _, contacts = in_all_ways(make_pairs, None, timeStep, 0.5, **given)
+    closing = [c for c in contacts if c.impulse > 0.0]
+    sliding = sum(np.linalg.norm(c.friction) > mu * c.impulse * (1 - 1e-12) for c in closing)
+    assert len(contacts) > 150 and 10 < sliding < len(closing) - 10
 
 
-@pytest.mark.parametrize(("e", "mu"), MATERIALS)
-def test_contacts(e, mu):
-    rng, invMasses, invInertias, motion, n = random_pairs(4)
-    depth, point = rng.uniform(0, 1, COUNT), rng.normal(size=(3, COUNT))
-    after = motion.copy()
-    shift = kernels.position_corrections(invMasses, depth)
-    after[:3] += shift * n[:, None]
-    arms = (point + shift[1] * n)[:, None] - after[:3]
-    masses = invMasses, invInertias
-    effective = kernels.inverse_effective_mass(*masses, vectors.cross(arms, n[:, None]))
-    step = SimpleNamespace(CRCoeff=e, mu=mu)
-    impulse, friction = kernels.collide(after[3:], *masses, arms, n, *effective, step)
-    sliding = limited = 0
-    for c in range(COUNT):
-        pair = [Stub(*state) for state in states_of(invMasses, invInertias, motion, c)]
-        answer = resolve_collision(*pair, *(column(x, c) for x in (depth, n, point)), e, mu)
-        if answer is None:
-            assert not invMasses[:, c].any()
-            continue
-        j, across, arm = answer
-        assert (j, across, arm) == (impulse[c], column(friction, c), column(arms[:, 0], c))
-        for k in range(2):
-            one = pair[k].body
-            found = one.position + one.linVelocity + one.angVelocity
-            assert found == column(after[:, k], c)
-        sliding += any(across)
-        limited += triples.norm(across) > mu * j * (1 - 1e-12) > 0
-    if mu:
-        assert 500 < sliding < COUNT and 50 < limited < sliding
+def test_zeros_keep_their_sign_on_the_ground():
+    """Cubes beside each other, with positions and velocities of 0.0 and -0.0, on the ground."""
+
+    def cubes():
+        meshes = []
+        for k, row in enumerate(np.array([*itertools.product((0.0, -0.0), repeat=3)])):
+            meshes.append(box_body(1.0, 1.0, 1.0, (2.0 * k, 0.4, row[2])))
+            meshes[-1].linVelocity, meshes[-1].angVelocity = row, row[::-1]
+        return meshes
+
+    meshes, contacts = in_all_ways(cubes, ground(), 0.0, 0.5, mu=0.5)
+    assert len(contacts) == 8
+    state = np.array([(mesh.linVelocity, mesh.angVelocity) for mesh in meshes])
+    assert 0 < np.signbit(state[state == 0.0]).sum() < (state == 0.0).sum()
 
 
-@pytest.mark.parametrize("upper", [True, False])
-def test_constraints(upper):
-    rng, invMasses, invInertias, motion, _ = random_pairs(5)
-    invMasses = np.where(invMasses.sum(axis=0) > 0.0, invMasses, 1.0)
-    points = motion[:3] + rng.normal(size=(3, 2, COUNT))
-    points[:, 1, ::7] = points[:, 0, ::7]
-    refValue = vectors.norm(points[:, 0] - points[:, 1]) * rng.uniform(0.5, 1.5, COUNT)
-    refValue[::7] = 0.2
-    arms, tolerance = points - motion[:3], 0.3
-    C, n = kernels.distance_error(points[:, 0], points[:, 1], refValue)
-    isViolated = kernels.is_violated(C, np.full(COUNT, upper), tolerance)
-    moved = motion[:3] + kernels.position_corrections(invMasses, C) * n[:, None]
-    velocity = motion[3:].copy()
-    kernels.resolve_velocity_constraint(velocity, invMasses, invInertias, arms, n, tolerance)
-    stopped = 0
-    for c in range(COUNT):
-        (w1, I1, x1, v1, omega1), (w2, I2, x2, v2, omega2) = states_of(
-            invMasses, invInertias, motion, c
-        )
-        p1, p2 = (column(points[:, k], c) for k in range(2))
-        d = triples.sub(p1, p2)
-        assert direction(d, triples.norm(d)) == column(n, c)
-        wasValid, positions = resolve_position_constraint(
-            (x1, x2), (p1, p2), refValue[c], (w1, w2), upper, tolerance
-        )
-        assert wasValid is not bool(isViolated[c])
-        if not wasValid:
-            assert np.array_equal(np.concatenate(positions).T, moved[..., c])
-        wasValid, *velocities = resolve_velocity_constraint(
-            (x1, x2), (p1, p2), (v1, v2), (omega1, omega2), (w1, w2), (I1, I2), tolerance
-        )
-        found = np.reshape(velocities, (2, 2, 3)).transpose(0, 2, 1).reshape(6, 2)
-        assert np.array_equal(found, velocity[..., c])
-        stopped += not wasValid
-    assert 200 < np.count_nonzero(isViolated) < 1800 and stopped > 1000
+@pytest.mark.parametrize("side", [1e2, 1e10])
+def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side, monkeypatch):
+    """Facets found where they touched are not valid where they have gone, and are found anew."""
+    anew = []
+
+    def watched(pairs, margin, *separation):
+        if not margin.any():
+            anew.append(len(margin))
+        return find_facets(pairs, margin, *separation)
+
+    def bodies():
+        rng = np.random.default_rng(1)
+        place, turn = (0.9 * side, 0, 0), quaternion([0, 1, 0], 20)
+        huge = box_body(2 * side, 4 * side, 3 * side, place, orientation=turn, isFixed=True)
+        meshes = [huge]
+        for k, y in itertools.product(range(40), (0.0, 0.99)):
+            place, turn = (k % 7 * 20, y, k // 7 * 20), quaternion([0, 1, 0], rng.uniform(0, 90))
+            meshes.append(box_body(1, 1, 1, place, orientation=turn, isFixed=y > 0))
+        return meshes
+
+    monkeypatch.setattr(batches, "find_facets", watched)
+    assert len(in_all_ways(bodies, None, 1e-6, 0.0)[1]) >= 20
+    assert max(anew) > 10  # many at once, in the batches
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
+def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed, monkeypatch):
+    """Small margins cost repeated passes and searches for facets, and nothing else."""
+    counts, turntable = [], throw(ground(), (1.0, 0.0, -2.0), (0.0, 3.0, 0.0))
+
+    def counted(name, function):
+        def call(*arguments):
+            counts[-1][name] += 1
+            return function(*arguments)
+
+        return call
+
+    for margins in MARGINS:
+        counts.append(Counter())
+        with monkeypatch.context() as patch:
+            for name, value in margins.items():
+                patch.setattr(f"rbs.stepping.batches.{name}", value)
+            patch.setattr(batches, "find_facets", counted("searches", find_facets))
+            passing = counted("passes", batches.Pass.process)
+            patch.setattr(batches.Pass, "process", passing)
+            step = turntable, 0.02, 0.3, 14
+            contacts = in_all_ways(lambda: make_heap(seed), *step, mu=0.5 * (seed % 2))[1]
+    assert len(contacts) > 150
+    small, usual, large = ([count["searches"], count["passes"]] for count in counts)
+    assert small[0] > 1.3 * usual[0] and usual[0] > 1.2 * large[0]
+    assert small[1] > 1.5 * large[1] > 0

@@ -183,6 +183,18 @@ def test_what_is_fixed_by_hand_is_as_what_was_fixed_at_the_start(way, how):
     assert lower.position[0, 1] < 50.0
 
 
+def test_a_push_and_a_point_count_where_they_are():
+    mesh, J = pair()[1], np.array([3.0, -2.0, 1.0])
+    turn, point = oracles.rotation(mesh.orientation[0]), mesh.currVertices[3]
+    mesh.push(J, point)
+    assert mesh.linVelocity[0] == pytest.approx(J / mesh.mass)
+    momentum = turn.apply(mesh.IT @ turn.inv().apply(mesh.angVelocity[0]))
+    assert momentum == pytest.approx(np.cross(point - mesh.position[0], J))
+    inside = np.array([0.1, 0.2, 0.0])
+    assert [mesh.vertex_at(at) for at in (mesh.origVertices[3], inside, inside)] == [3, 8, 8]
+    assert mesh.currVertices[8] == pytest.approx(mesh.position[0] + turn.apply(inside))
+
+
 FORMS = {"flat": np.ravel, "list": np.ndarray.tolist}
 FORMS["tuple"] = lambda rows: tuple(np.ravel(rows).tolist())
 
@@ -300,6 +312,11 @@ def test_what_makes_no_body_is_refused_by_name(what):
     for value in values:
         with pytest.raises((TypeError, ValueError), match=f"mesh .*({what})"):
             make(value)
+
+
+def test_a_ball_has_at_least_the_corners_asked_for():
+    for asked, given in (4, 12), (12, 12), (13, 42), (162, 162), (163, 642):
+        assert len(shapes.sphere(1.0, 1.0, corners=asked).hull.vertices) == given
 
 
 def test_needles_whose_inertia_is_rounding_are_told_to_be_too_thin():

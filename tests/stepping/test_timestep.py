@@ -4,6 +4,7 @@ import itertools
 from collections import Counter
 from functools import partial
 
+import experiments as laws
 import numpy as np
 import pytest
 from engines import throw
@@ -90,6 +91,15 @@ def test_impulses_are_newtons_and_coulombs_at_random_contacts():
         outcomes[kind, isClosing] += 1
         outcomes["sticks" if friction == speed / K else "slides" if friction else "none"] += 1
     assert len(outcomes) == 11 and min(outcomes.values()) > 15, outcomes
+
+
+def test_a_tumbling_body_keeps_momentum_and_energy():
+    """It turns over whenever Euler's equation in body axes has it, at 5 rad/s; also at 20."""
+    momentum, energy, flips, first = laws.tumbling("basic step")
+    due = laws.tumbling_ode(20.0)
+    assert momentum < 1e-12 and energy < 1e-8
+    assert flips == len(due) >= 4 and first == pytest.approx(due[0], abs=H)
+    assert laws.tumbling("basic step", 2.5, 4.0 * laws.SPIN)[1] < 3e-6
 
 
 def literal_step(meshes, groundMesh, timeStep, e):
