@@ -160,9 +160,7 @@ class ContactRows:
         sticking = friction - np.einsum("irm,rm->im", self.slip, change)
         if isSoft:
             np.copyto(sticking, friction, where=self.leastSlip > 0.0)
-        limit, size = coulomb_limits(self.limits, pressed, sticking)
-        share = limit / np.maximum(np.maximum(size, limit), TINY)
-        friction = sticking * take(share, (0, 0, 1), axis=0)
+        friction = self._limited(pressed, sticking)
         if not isSoft and len(self.sliding):
             given = (take(x, self.sliding, -1) for x in (pressed, friction, sticking))
             friction[:, self.sliding] = self._sliding(*given)
@@ -184,6 +182,11 @@ class ContactRows:
             impulse[k] = wanted
             left[k + 1 :] -= self.K[k, k + 1 :] * more  # points that are still to be visited
         return impulse
+
+    def _limited(self, pressed, friction):
+        """Friction (3, M) within Coulomb's limits; pressed : (4, M), normal impulses"""
+        limit, size = coulomb_limits(self.limits, pressed, friction)
+        return friction * take(limit / np.maximum(np.maximum(size, limit), TINY), (0, 0, 1), axis=0)
 
     def _sliding(self, pressed, friction, sticking):
         """Friction (3, K) of the manifolds whose points slide, each point's against its slip.
@@ -263,6 +266,7 @@ class PartRows(ContactRows):
             share = np.where(size < before, size / np.maximum(before, TINY), 0.0)[self.island]
             solved += share * way
             np.maximum(solved[:POINTS], 0.0, out=solved[:POINTS])
+            solved[POINTS:] = self._limited(solved[:POINTS], solved[POINTS:])
             way, before = share * way + change, size
             self.apply(motion, solved - impulse)
             impulse = solved

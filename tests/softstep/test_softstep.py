@@ -11,6 +11,7 @@ from experiments import (
     FREE,
     HANGING,
     beads,
+    box,
     energy,
     fall,
     farthest,
@@ -226,6 +227,18 @@ def test_the_ground_takes_no_momentum_without_friction(e):
     report = simulate(meshes, 45, state, CRCoeff=e, mu=0.0)[1]
     assert not report.isAsleep[-5:].any()
     np.testing.assert_allclose(momenta(), before, rtol=1e-6)
+
+
+def test_friction_keeps_to_coulombs_law_as_boxes_fall_on_each_other():
+    rng, meshes, state, shares = np.random.default_rng(1), [], None, []
+    for k in range(12):
+        x, y, z = rng.uniform(-1, 1, 3) + (0, 2 + 1.2 * k, 0)
+        meshes.append(throw(box(x, y, z, rng.uniform(0.4, 1.6, 3)), *rng.uniform(-2, 2, (2, 3))))
+    for _ in range(80):
+        state, report = simulate(meshes, 1, state)
+        limits = [(np.linalg.norm(c.friction), 0.5 * c.impulse) for c in report.contacts]
+        shares += [friction / limit for friction, limit in limits if friction > 0.0]
+    assert np.max(shares) < 1.0 + 1e-9 and np.sum(np.array(shares) > 0.999) > 100
 
 
 def test_a_torque_turns_what_stands_on_ice():
