@@ -63,8 +63,8 @@ class Sleep(SimpleNamespace):
         return sleep
 
     def settled(self, step, frames, motion, isTried):
-        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep. Those on
-        trial, isTried (n,), are put back to where they were.
+        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep. Of these,
+        those on trial, isTried (n,), are put back to where they were.
         """
         bodies, timeStep, own = frames.bodies, step.timeStep, motion.bodies
         if not step.sleeping:
