@@ -52,6 +52,10 @@ def bounded_share(motion, touching, normal, tied, infeasible):
         """Sums (I,) over the bodies of each island."""
         return np.bincount(island, x, count)
 
+    def joined(ends):
+        """Islands (I,) that have one of the columns `ends`, and on which nothing else works."""
+        return ~isWorked & (np.bincount(island[ends[ends < count]], minlength=count) > 0)
+
     def products(v, w):
         return mass * dot(v[:3], w[:3]) + dot(v[3:], mat_vec(inertia, w[3:]))
 
@@ -74,10 +78,7 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     before[halved], work[halved] = 0.5 * before[halved], 0.0
     limit, now = total(before + work), turned(velocity)
     energy = total(0.5 * products(now, now))
-    bound = np.concatenate((touching, infeasible), axis=1)
-    isBound, isTied = (
-        ~isWorked & (np.bincount(island[x[x < count]], minlength=count) > 0) for x in (bound, tied)
-    )
+    isBound, isTied = joined(np.concatenate((touching, infeasible), axis=1)), joined(tied)
     isOver = (isBound & (energy > limit)) | (isTied & ((1.0 - ROUNDED) * energy > limit))
     if not (isOver.any() or isTumbling):
         return share

@@ -72,12 +72,11 @@ class Sleep(SimpleNamespace):
         isStill, way = self.isAsleep & ~isTried, self.way + timeStep * bodies.velocity
         mean = bodies.velocity.copy()
         mean[:, own] = motion.displacement[:, : len(own)] / timeStep
-        speed = 0.5 * STEADY * bodies.fallRate * SLEEP_SECONDS
+        least = 0.5 * STEADY * bodies.fallRate * SLEEP_SECONDS
         # what glides, or starts to slide, leaves its place; a tremor does not
-        isNear = _speeds(bodies, way) <= speed * np.where(isTried, timeStep, SLEEP_SECONDS)
-        isSlow = np.maximum(_speeds(bodies, bodies.velocity), _speeds(bodies, mean))
-        isSlow = isSlow <= _slow_speeds(bodies)
-        rests = isStill | (isNear & isSlow)
+        isNear = _speeds(bodies, way) <= least * np.where(isTried, timeStep, SLEEP_SECONDS)
+        speed = np.maximum(_speeds(bodies, bodies.velocity), _speeds(bodies, mean))
+        rests = isStill | (isNear & (speed <= _slow_speeds(bodies)))
         timer = np.where(bodies.isFixed, np.inf, np.where(rests, self.timer + timeStep, 0.0))
         isAsleep = (timer >= SLEEP_SECONDS) & ~bodies.isFixed
         bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)

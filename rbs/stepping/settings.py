@@ -142,9 +142,9 @@ def setting(default, limits=ANY, kind=Setting, **others) -> Any:
 class Settings:
     """The settings of a simulation. The defaults give the coursework's behaviour.
 
-    restitution : part of the approach speed that is returned; timeStep : s
+    restitution : part of the approach speed that is returned
+    friction : coefficient between bodies and with the ground; timeStep : s
     gravity : m/s², along −y, or a vector x, y, z; ground : whether there is one
-    friction : coefficient between bodies and with the ground
     contactSolver : "impulse", the coursework's, one by one, or "soft-step", all together
     substeps : of a soft step; sleeping : whether it skips bodies at rest
     broadPhase : how pairs are found, in all pairs or by a grid, with identical motion
@@ -159,10 +159,10 @@ class Settings:
     """
 
     restitution: float = setting(0.5, (0.0, 1.0), parameter="CRCoeff", limitsInStep=ANY)
+    friction: float = setting(0.0, POSITIVE, parameter="mu")
     timeStep: float = setting(0.02, (1e-12, 1e3), limitsInStep=POSITIVE)
     gravity: float | tuple = setting(-GRAVITY, (0.0, 1e6), Gravity, defaultInStep=EARTH)
     ground: bool = setting(True)
-    friction: float = setting(0.0, POSITIVE, parameter="mu")
     contactSolver: Literal["impulse", "soft-step"] = setting("impulse")
     substeps: int = setting(6, (1, 1000), solver="soft-step")
     sleeping: bool = setting(True, solver="soft-step")
