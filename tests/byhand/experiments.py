@@ -400,6 +400,11 @@ def row_pushed(count):
     return meshes, lambda mesh: setattr(mesh, "load", load)
 
 
+def stack_dragged(count, speed, spin=0.0):
+    """The lowest of a stack of cubes starts to move, and drags the others along."""
+    return stack(count, UNIT), lambda mesh: throw(mesh, (speed, 0, 0), (0, spin, 0))
+
+
 def asleep(engine, make, *arguments, seconds, e=0.0, mu=0.0):
     """Largest difference between asleep and awake, of the largest way of a body that is awake."""
     (meshes, act), ways = make(*arguments), []
@@ -488,6 +493,25 @@ def squeezed(engine, *densities, seconds=1.0):
         mesh.load = (sense * G * mesh.mass, 0.0, 0.0, 0.0, 0.0, 0.0)
     run(engine, meshes, seconds, **FREE)
     return 1e3 * (len(meshes) - 1.0 - np.linalg.norm(meshes[-1].position - meshes[0].position))
+
+
+def lifted(engine, count, weights, place=0, seconds=2.0):
+    """By how many mm a stack sinks if a cube is pushed upwards by so many times its weight."""
+    meshes = stack(count, UNIT)
+    world, _ = run(engine, meshes, 1.5)
+    before = np.array([mesh.position[0, 1] for mesh in meshes])
+    meshes[place].load = (0.0, weights * G * meshes[place].mass, 0.0, 0.0, 0.0, 0.0)
+    for _ in range(round(seconds / TIME_STEP)):
+        world.step()
+    return 1e3 * (before - [mesh.position[0, 1] for mesh in meshes]).max()
+
+
+def abandoned(engine, speed):
+    """By how much a plank falls as one of its supports glides away from under its end."""
+    support = throw(box(1.6), (speed, 0, 0))
+    plank = box(0, 1.1, 0, (2.4, 0.2, 1))
+    run(engine, [box(-1, isFixed=True), support, plank], 0.1 / speed + 2.0, mu=0.0)
+    return 1.1 - plank.position[0, 1]
 
 
 def hit(engine, ratio):
