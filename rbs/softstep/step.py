@@ -13,8 +13,8 @@ and Box2D v3 call this method soft step:
         a sweep over all contacts, which pushes bodies apart
         x += h v
         both again without the pushes, which are dropped
-    blows, plastic and elastic, and a bound on their energy, and on  contacts, energies
-        that of infeasible constraints
+    blows, plastic and elastic                                       contacts
+    a bound on the energy that all this gives                        energies
     bodies on trial that stay where they were, and that fall asleep  sleeping
 
 Sweeps over contacts go on while a point would sink far, or on a linked body, faster than gravity
