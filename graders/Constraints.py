@@ -1,7 +1,7 @@
 """Grade the resolution of distance constraints against constraint-resolution.data.
 
     python graders/Constraints.py [--data DIR]
-    python graders/Constraints.py --modules DIR    a student's RBSFunctions and Quaternion
+    python graders/Constraints.py --modules CODE   a student's RBSFunctions and Quaternion
 
 As in the release, the upper and then the lower bound are resolved on the same arrays, and the
 velocities with uncorrected positions.

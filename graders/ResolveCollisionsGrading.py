@@ -1,7 +1,7 @@
 """Grade the resolution of collisions against collision-resolution.data.
 
     python graders/ResolveCollisionsGrading.py [--data DIR]
-    python graders/ResolveCollisionsGrading.py --modules DIR    a student's modules
+    python graders/ResolveCollisionsGrading.py --modules CODE   a student's modules
 
 `resolve_collision` is given the depth, normal and point in the data, so it does not depend on
 detection, which the coursework supplies.

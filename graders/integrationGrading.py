@@ -1,7 +1,7 @@
 """Grade `Mesh.integrate_timestep` against integration.data: one step of 0.1 s per sample.
 
     python graders/integrationGrading.py [--data DIR]
-    python graders/integrationGrading.py --modules DIR    a student's RBSFunctions and Quaternion
+    python graders/integrationGrading.py --modules CODE   a student's RBSFunctions and Quaternion
 
 The released data hold a result for one sample only (quirk 3 in graders/README.md), which is
 graded. A fresh sample makes two steps of other lengths.

@@ -22,7 +22,6 @@ ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "data"
 COURSE = ROOT.parent / "shared" / "course"
 
-
 SHAPES = ("tetrahedron", "box", "octahedron", "long-octahedron", "cylinder", "ellipsoid")
 BOX = (12.0, 6.0, 8.0)  # the sizes of data/box.mesh along x, y, z
 IDENTITY = (1.0, 0.0, 0.0, 0.0)

@@ -135,7 +135,8 @@ class _FacetSearch:
     """
 
     def __init__(self, pairs):
-        self.pairs, self.hulls = pairs, (hulls := pairs.hulls)
+        self.pairs, self.hulls = pairs, pairs.hulls
+        hulls = pairs.hulls
         self.own = np.concatenate((pairs.first, pairs.second))
         self.other = np.concatenate((pairs.second, pairs.first))
         self.t = np.concatenate((pairs.t, -pairs.t), axis=1)

@@ -178,11 +178,10 @@ class Overlays:
         ofContacts=True,
     )
     def _normal_impulses(self):
+        impulses = np.array([c.impulse for c in self._contacts])[:, None]
         # body 1 receives the opposite of the impulse on body 2
-        arrows = -self._contactNormals * np.array([c.impulse for c in self._contacts]).reshape(
-            -1, 1
-        )
-        return Arrows(self._contactPoints, self._scaled(arrows), colours.IMPULSE_COLOUR)
+        arrows = self._scaled(-impulses * self._contactNormals)
+        return Arrows(self._contactPoints, arrows, colours.IMPULSE_COLOUR)
 
     @overlay(
         "friction impulses",

@@ -156,7 +156,7 @@ class Viewpoint:
         self._isGoing, self._left = True, self._left or present_camera()
 
     def stay(self):
-        """Ends the move to an event, and stays, since a hand moves the camera."""
+        """Ends the move to an event, and forgets where the camera was before the events."""
         # whether the camera moves to an event; where it was before the first event, or None
         self._isGoing, self._left = False, None
 

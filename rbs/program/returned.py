@@ -1,6 +1,6 @@
-"""What a student's functions must return: values of some size, in an order.
+"""What a student's functions must return: how many values, in which order, of which sizes.
 
-The graders, `compare.py` and --functions check it here.
+The graders, `compare.py` and --functions check results here.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ from rbs.geometry.triples import shown_value
 from rbs.program.submissions import DETECT, POSITION, VELOCITY
 from rbs.scenes.messages import counted
 
-# Of each function the names of its values, in order, and how many numbers each holds.
+# For each function, the names of its values, in order, and how many numbers each holds.
 RETURNED = {
     DETECT: {"isCollision": 1, "depth": 1, "intNormal": 3, "intPosition": 3},
     POSITION: {"positionWasValid": 1, "correctedPositions": 6},
@@ -26,9 +26,10 @@ class NotWritten(WrongResult):
 
 
 def returned(values, name, sizes=None):
-    """Returns the values that a function of this name has returned, as a tuple.
+    """Returns the values of a result as a tuple.
 
-    sizes : of its RETURNED, or else of those that a value of this name holds
+    name : of the function, or of a value that holds others; sizes : dict from the names of these to
+        how many numbers each holds; by default, those of the function in RETURNED
 
     Raises NotWritten, or WrongResult if there are more or fewer values, or in another order.
     """
@@ -72,5 +73,6 @@ def numbers(value, count, what):
 
 
 def by_mesh(key, pair):
+    """Yields `(value, name)` of the two vectors that a value of this name holds, one per mesh."""
     for k, value in enumerate(returned(pair, key, {"mesh 1": 3, "mesh 2": 3}), start=1):
         yield value, f"{key}, mesh {k}"

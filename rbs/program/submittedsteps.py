@@ -91,9 +91,9 @@ class StudentFunctions:
     Arguments have the shapes of the coursework's, results those of ours. Raises Fault for what is
     no result.
 
-    A subclass has `call(name, meshes, *given, **named)`, which calls a function on meshes of theirs
-    in the state of these, or a method of the first one. These take over what it changes. It returns
-    what that returns.
+    A subclass has `call(name, meshes, *given, **named)`. It calls a function with meshes of theirs
+    in the state of ours, or a method of the first of them, and returns the result. Our meshes take
+    over what the call has changed.
     """
 
     def __init__(self, friction=None):
@@ -102,7 +102,7 @@ class StudentFunctions:
 
     @contextmanager
     def methods_of(self, meshes):
-        """Lets meshes have the student's methods, in the `with` block."""
+        """Gives meshes the student's methods, in the `with` block."""
         kinds = list(map(type, meshes))
         try:
             for mesh in meshes:
@@ -231,7 +231,7 @@ class SubmittedSteps(StudentFunctions):
 
     def is_turned_back(self, meshes):
         with suppress(Exception, SystemExit), at_home(self.folder):  # told where needed
-            return super().is_turned_back(list(map(copy.copy, meshes)))  # so that none is kept
+            return super().is_turned_back(list(map(copy.copy, meshes)))  # none of theirs is kept
         return False
 
     def step(self, meshes, groundMesh, *, settings, **options):
@@ -262,7 +262,7 @@ class SubmittedSteps(StudentFunctions):
                     set_inertia(mesh, inertia)
 
     def call(self, name, meshes, *given, **named):
-        """See `StudentFunctions`; they get copies of arrays.
+        """See `StudentFunctions`; a student's code gets copies of arrays.
 
         Each mesh of ours has one of theirs, so that attributes of the student's last until somebody
         fixes or frees it. Attributes that they leave alone are not set again.

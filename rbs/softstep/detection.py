@@ -66,10 +66,10 @@ class Frames(Poses):
     """`Poses` at the start of a step, and the free flight in which bodies may meet.
 
     velocity : (6, n + 1); the ground stays where it is even if it has one, as a conveyor belt
-    displacement : (6, n + 1), and rotation vectors, without gravity, forces and torques; glide :
-        (3, n + 1), without the latter
-    flight : (6, n + 1), displacements with these, relative to what bodies may meet, and rotation
-        vectors. Islands that can meet nothing that is fixed move relative to their mean
+    displacement : (6, n + 1), and rotation vectors, without gravity, forces and torques
+    glide : (3, n + 1), these displacements alone
+    flight : (6, n + 1), displacements with gravity and forces, relative to what bodies may meet,
+        and rotation vectors. Islands that can meet nothing fixed move relative to their mean
     reach : (n + 1,), largest distance that points of each body move in the flight
     tiedReach : (n + 1,), the same of what constraints join it to, or 0
     isNearGround : (n,), bodies that may meet the ground in the flight
@@ -109,9 +109,8 @@ class Frames(Poses):
             self.pairs = overlapping(self._place_boxes(hasGround, tied), *self.pairs)
 
     def _place_boxes(self, hasGround, tied):
-        """Sets reaches and isNearGround for the present flight. Returns bounding boxes (6, n) of
-        all of it, with a margin that keeps the manifolds of resting pairs and lets sleeping bodies
-        sleep.
+        """Sets reaches and isNearGround for the present flight. Returns boxes (6, n) of the bodies
+        in all of it, with a margin that keeps manifolds of resting pairs, and sleepers asleep.
         """
         shift, turn = self.flight[:3, :-1], self.flight[3:, :-1]
         spinReach = norm(turn) * self.hulls.radius

@@ -1,4 +1,4 @@
-"""A bound on the energy that contacts and infeasible constraints give to connected bodies.
+"""A bound on the energy that contacts and constraints give to connected bodies.
 
 If several pairs collide in one step, Newton's law of restitution may require more energy than
 there was (Stronge: Rigid body collisions with friction. Proceedings of the Royal Society A, 1990).
@@ -19,9 +19,9 @@ from rbs.stepping.flight import turn_matrix
 # a restitution of 0.25. With more, after plastic blows, a little energy changes velocities by much;
 # with less, rods that tumble lose some as they bounce.
 BOUNCED = 1.6
-# Part of its energy that an island which only feasible constraints join may gain in a step. With
-# less, rings and chains that turn fast lose energy, as these gains and losses by rounding cancel;
-# with more, a chain that is jerked tight may end with a multiple of its energy.
+# Part of its energy that an island may gain in a step if feasible constraints alone join it. With
+# less, rings and chains that turn fast lose energy, because their gains and losses by rounding no
+# longer cancel; with more, a chain that is jerked tight may end with a multiple of its energy.
 ROUNDED = 0.03
 
 
@@ -31,9 +31,10 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     If an island that rests on something has more, its velocities shrink, except their mean along
     the support. If another one has more, its impulses shrink: momentum is conserved where nothing
     takes it. Islands on which torques work, or supports that move differently, are left alone, and
-    so are those that only feasible constraints join, if they gain less than the part ROUNDED. Of
+    so are those that feasible constraints alone join, if they gain less than the part ROUNDED. Of
     bodies joined by infeasible ones, half of the energy counts, and none of gravity's work: they
     come to rest.
+
     Returns the share (m + 1,) of each body's impulses that is left.
 
     touching : (2, C), columns of `Motion` that touch
@@ -52,8 +53,8 @@ def bounded_share(motion, touching, normal, tied, infeasible):
         """Sums (I,) over the bodies of each island."""
         return np.bincount(island, x, count)
 
-    def joined(ends):
-        """Islands (I,) that have one of the columns `ends`, and on which nothing else works."""
+    def with_one_of(ends):
+        """Whether islands (I,) have a body in the columns `ends`, and nothing else does work."""
         return ~isWorked & (np.bincount(island[ends[ends < count]], minlength=count) > 0)
 
     def products(v, w):
@@ -78,7 +79,7 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     before[halved], work[halved] = 0.5 * before[halved], 0.0
     limit, now = total(before + work), turned(velocity)
     energy = total(0.5 * products(now, now))
-    isBound, isTied = joined(np.concatenate((touching, infeasible), axis=1)), joined(tied)
+    isBound, isTied = with_one_of(np.concatenate((touching, infeasible), axis=1)), with_one_of(tied)
     isOver = (isBound & (energy > limit)) | (isTied & ((1.0 - ROUNDED) * energy > limit))
     if not (isOver.any() or isTumbling):
         return share

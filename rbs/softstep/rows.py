@@ -63,24 +63,20 @@ class ContactRows:
     shared : (4, M), minus the mass of all points together; mutual : (4, M), response of the
         other points' speeds to a unit impulse at each of them, times minus the point's mass
     friction : (3, 3, M), A of the friction rows alone
-    slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
-        impulses and the present speeds make them slip; for the latter, A⁻¹ of `friction`
+    slip : (3, 7, M), impulses along the friction rows that stop the slip due to changes of the
+        normal impulses, and then, by A⁻¹ of `friction`, the slip that there is
     leastSlip : (M,), see `let_slide`; sliding : (K,), manifolds whose points slide
     """
 
     def __init__(self, motion, masses, geometry, turning=None):
-        """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`
-
-        masses : see `split_masses`
+        """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`; masses : see `split_masses`
         turning : (6, 6, M), change of the arms in J in a second; None if they do not turn
         """
         self.ends, self.isPoint, self.J, self.limits, self.levers = geometry
         self.turning = turning
         axes = len(motion.invMass) * np.arange(6).reshape(2, 1, 3, 1)
-        self.places, self.applied = (
-            (self.ends[:, None] + axes).ravel(),
-            np.zeros(self.J[:, 0].shape),
-        )
+        self.places = (self.ends[:, None] + axes).ravel()
+        self.applied = np.zeros_like(self.J[:, 0])
         isPoint, A = self.isPoint, self._responses(masses)
         normal, diagonal = A[:POINTS, :POINTS], A.diagonal().T[:POINTS]
         self.mass = isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
@@ -236,10 +232,7 @@ class PartRows(ContactRows):
     """
 
     def __init__(self, rows, isPart, isActive, motion):
-        """rows : `ContactRows` of all; isPart : (M,)
-
-        isActive : (4, M), points whose impulses may change
-        """
+        """rows : `ContactRows` of all; isPart : (M,); isActive : (4, M), points that may change"""
         self.some, given = indices(isPart), (rows.ends, isActive, rows.J, rows.limits, rows.levers)
         ends, isActive, *others = (take(x, self.some, -1) for x in given)
         self.island = islands_of(ends, motion.invMass)

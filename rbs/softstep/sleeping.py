@@ -63,8 +63,8 @@ class Sleep(SimpleNamespace):
         return sleep
 
     def settled(self, step, frames, motion, isTried):
-        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep. Those on
-        trial, isTried (n,), are put back to where they were.
+        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep. Of these,
+        those on trial, isTried (n,), are put back to where they were.
         """
         bodies, timeStep, own = frames.bodies, step.timeStep, motion.bodies
         if not step.sleeping:
@@ -120,10 +120,10 @@ def wake(step, frames, state, manifolds, tied, isDisturbed, isBereft):
 
 
 def _striking_speeds(step, frames, manifolds, isAwake):
-    """Largest speed (n,) at which points of bodies that are awake, (n,), come towards one that they
-    meet in the step, or would in one more substep: its last sweep stops them, too. The speed is
-    relative to what is still, because a body also pushes what the one before it pushes. Or, if that
-    is more, the speed that friction may give the body in the step, which it passes on as well.
+    """Largest speeds (n,) at which points of bodies that are awake, (n,), come towards what they
+    meet in the step, or would in one more substep: its last sweep stops them, too. They are
+    relative to what is still, because a body also pushes what the one before it pushes. Where
+    friction may change a body's speed by more in the step, it is this change, which is passed on.
     """
     ends = manifolds.bodies(frames.count)
     rows = indices(np.append(isAwake, False)[ends].any(axis=0))

@@ -5,7 +5,7 @@ in Physics Simulation. SCA 2019). Contacts are implicitly integrated springs and
 and Box2D v3 call this method soft step:
 
     contacts of near pairs, kept and new                             detection
-    lost supports, bodies that wake, and sleepers that are tried     sleeping
+    lost supports, bodies that wake, and sleepers on trial           sleeping
     each substep of length h:
         gravity, and the impulses of the last substep                contacts
         all constraints solved together, and a pseudo-velocity       softconstraints
@@ -13,8 +13,8 @@ and Box2D v3 call this method soft step:
         a sweep over all contacts, which pushes bodies apart
         x += h v
         both again without the pushes, which are dropped
-    blows, plastic and elastic, and a bound on their energy, and on  contacts, energies
-        that of infeasible constraints
+    blows, plastic and elastic                                       contacts
+    a bound on the energy that all this gives                        energies
     bodies on trial that stay where they were, and that fall asleep  sleeping
 
 Sweeps over contacts go on while a point would sink far, or on a linked body, faster than gravity
@@ -116,8 +116,8 @@ class Motion:
     shift, turn : (3, m + 1), sums of v h and of ω h, so that orientations become exp(turn/2) ∘ q,
         see also `SoftConstraints`; displacement : (6, m + 1), both
     invMass : (m + 1,); invInertia : (9, m + 1); inverse : (10, m + 1), both
-    mass, inertia : (m,), 0 if no impulse changes its velocity, and (9, m), to which constraints
-        add none, see `SoftConstraints`; of the start, as are all
+    mass, inertia : (m,) and (9, m), 0 if no impulse changes the velocity; those at the start, to
+        which constraints add none, see `SoftConstraints`
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
     drift : (3, m + 1), mean angular velocities of free flight less those at its start, or None.
         Bodies turn by the former, while impulses change the latter, and angular momenta last
@@ -164,10 +164,10 @@ class Motion:
         bodies.state = bodies.state.copy()
         bodies.position[:, own] += self.shift[:, some]
         bodies.velocity[:, own] = self.velocity[:, some]
-        momenta = None if self.drift is None else bodies.angular_momenta()
-        bodies.orientation[:, own] = orientation
-        if momenta is not None:
-            bodies.set_angular_momenta(momenta)
+        if self.drift is None:
+            bodies.orientation[:, own] = orientation
+        else:
+            bodies.turn_freely(own, orientation)
         bodies.end_moved()
 
 
@@ -204,7 +204,7 @@ class SolverState:
 
     def renumber(self, bodies):
         """Takes up the bodies of a step. Returns which (n,) touched a removed one, were tied to it,
-        or were fixed; they wake.
+        or were fixed, but are no longer; they wake.
 
         Added bodies are awake and have no contacts. Without `removed`, bodies are taken to be
         removed from the end of the list.

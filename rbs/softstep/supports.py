@@ -18,9 +18,7 @@ from rbs.geometry.vectors import dot, indices, ranges, take
 # radius recedes by as much. With more, low steps stop nothing, and balls with many faces stop at
 # seams; with less, unevenness does.
 FLUSH = 2e-3
-
-
-# Angle by which planes lean that count as flush, see above.
+# The angle at which a radius recedes by FLUSH of it, in radians.
 SLANT = np.sqrt(2.0 * FLUSH)
 
 

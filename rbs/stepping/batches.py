@@ -130,6 +130,7 @@ class Pass:
     It is exact if has_missed is false afterwards. start, end : (3, n), positions before and after
 
     pairs : the Q `Pairs`, at the start, in the order i < j; the rank of a pair is its index
+    ends : (2, Q), their bodies
     gap : (Q,), distance that the bodies of a pair can move together without touching
     isExpected : (Q,) bool, pairs that are processed, because they may touch
     facets : `Facets` found so far; t : (3, R), translations at which they were found
@@ -138,7 +139,7 @@ class Pass:
 
     def __init__(self, bodies, margin, knownKeys, knownAxes, linked):
         self.bodies, self.margin, self.linked, self.start = bodies, margin, linked, bodies.position
-        first, second = self._pairs(bodies.box - margin, bodies.isFixed)
+        self.ends = first, second = self._pairs(bodies.box - margin, bodies.isFixed)
         self.keys = first * len(margin) + second
         self.t = t = take(self.start, second, axis=1) - take(self.start, first, axis=1)
         axes = vectors.known_columns(self.keys, knownKeys, knownAxes)
@@ -173,9 +174,9 @@ class Pass:
     def process(self):
         """Separates the expected pairs that touch, batch by batch: `PairContacts`."""
         bodies, rank, self.end = self.bodies, indices(self.isExpected), self.start.copy()
-        order, starts = in_batches(*self.bodies_of(rank), bodies.isFixed)
+        order, starts = in_batches(*take(self.ends, rank, axis=1), bodies.isFixed)
         rank = rank[order]
-        pair, facets = self.bodies_of(rank), self.facets.of_pairs(self.latest[rank])
+        pair, facets = take(self.ends, rank, axis=1), self.facets.of_pairs(self.latest[rank])
         size = take(bodies.hulls.radius, pair).sum(axis=0)
         weights = position_corrections(take(bodies.invMass, pair), 1.0)
         # hulls that overlap by more than rounding have overlapping boxes
@@ -201,10 +202,6 @@ class Pass:
         touches, *columns = vectors.joined(*found)
         return PairContacts(rank, pair, *columns).of(indices(touches))
 
-    def bodies_of(self, rank):
-        """Bodies (2, m) of the pairs of these ranks (m,)."""
-        return np.stack((take(self.pairs.first, rank), take(self.pairs.second, rank)))
-
     def _positions(self, b, rank):
         """Positions of bodies b after their last contacts before pairs of these ranks."""
         turn = b * (len(self.keys) + 1) + rank
@@ -215,7 +212,7 @@ class Pass:
         rank, t, axes, depth = self._doubtful(contacts)
         if len(rank) == 0:
             return False
-        pairs = Pairs(self.bodies.hulls, *self.bodies_of(rank), t).along(axes)
+        pairs = Pairs(self.bodies.hulls, *take(self.ends, rank, axis=1), t).along(axes)
         facets = find_facets(pairs, np.zeros(len(rank)))
         penetration, normal = facets.minimal_penetrations(t)
         touches = penetration >= -TOUCH_TOLERANCE * pairs.size
@@ -241,10 +238,9 @@ class Pass:
         shift = norm(contacts.translations() - take(self.t, latest, axis=1))
         stale = contacts.of(indices(contacts.depth + shift > self.facets.completeUpTo[latest]))
         # other pairs that their axes may not separate any more
-        displacement = take(self.displacement, self.pairs.first)
-        displacement += take(self.displacement, self.pairs.second)
+        displacement = take(self.displacement, self.ends).sum(axis=0)
         rank = indices((displacement >= self.gap) & ~self.isExpected)
-        position = self._positions(self.bodies_of(rank), rank)
+        position = self._positions(take(self.ends, rank, axis=1), rank)
         t, axes = position[:, 1] - position[:, 0], take(self.axes, rank, axis=1)
         gap = self.gap[rank] + dot(axes, t - take(self.pairs.t, rank, axis=1))
         near = indices(gap <= 0.0)

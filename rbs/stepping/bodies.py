@@ -179,12 +179,10 @@ class Bodies:
         """Tensors (9, n) in world axes, at the present orientations."""
         return rotate_tensor(np.array(rotation_matrices(self.orientation)), tensor)
 
-    def angular_momenta(self):
-        """Angular momenta (3, n) about the COMs, in world axes."""
-        return mat_vec(self._rotated(self._tensors("IT")), self.angVelocity)
-
-    def set_angular_momenta(self, momenta):
-        """Sets the angular velocities of the bodies that are not fixed; momenta : (3, n)."""
+    def turn_freely(self, b, orientation):
+        """Gives bodies b (m,) orientations (4, m); angular momenta about the COMs stay the same."""
+        momenta = mat_vec(self._rotated(self._tensors("IT")), self.angVelocity)
+        self.orientation[:, b] = orientation
         after = mat_vec(self._rotated(self.restInvInertia), momenta)
         self.angVelocity[:] = np.where(self.isFixed, self.angVelocity, after)
 

@@ -136,21 +136,19 @@ def contact_of(i, j, depth, normal, point, impulses=None):
 
 def check_arguments(meshes, groundMesh, constraints, functions, solverState, observer):
     """Raises TypeError, which names an argument of `run_timestep`, if it is of another kind."""
-    if not isinstance(meshes, LISTS):
-        wrong = "meshes must be a list of Meshes", meshes
-    elif not (groundMesh is None or hasattr(groundMesh, "invMass")):
-        wrong = "groundMesh must be a Mesh or None", groundMesh
-    elif not isinstance(constraints, LISTS):
-        wrong = "constraints must be a list of rows", constraints
-    elif not (functions is None or hasattr(functions, "resolve_collision")):
-        wrong = "functions must be a module with resolve_collision, or None", functions
-    elif not (solverState is None or hasattr(solverState, "__dict__")):
-        wrong = "solverState must be a SolverState or None", solverState
-    elif not (observer is None or callable(observer)):
-        wrong = "observer must be a function or None", observer
-    else:
-        return
-    raise TypeError(f"{wrong[0]}, not {shown_value(wrong[1])}")
+    areOurs = functions is None or hasattr(functions, "resolve_collision")
+    isGround = groundMesh is None or hasattr(groundMesh, "invMass")
+    isState = solverState is None or hasattr(solverState, "__dict__")
+    for name, value, isFine, kind in (
+        ("meshes", meshes, isinstance(meshes, LISTS), "a list of Meshes"),
+        ("groundMesh", groundMesh, isGround, "a Mesh or None"),
+        ("constraints", constraints, isinstance(constraints, LISTS), "a list of rows"),
+        ("functions", functions, areOurs, "a module with resolve_collision, or None"),
+        ("solverState", solverState, isState, "a SolverState or None"),
+        ("observer", observer, observer is None or callable(observer), "a function or None"),
+    ):
+        if not isFine:
+            raise TypeError(f"{name} must be {kind}, not {shown_value(value)}")
 
 
 class Step:

@@ -106,7 +106,7 @@ def formulas(event):
 
 
 def size_of(value, symbol):
-    """Returns the length of a symbol's value, 0 if it is rounding, and this with its unit."""
+    """Returns the length of a symbol's value, 0 if it is rounding, and this as text with a unit."""
     size = float(np.linalg.norm(value))
     size *= size > NOTHING
     return size, measured(size, unit(symbol))

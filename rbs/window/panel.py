@@ -322,8 +322,8 @@ class Panel:
                     widgets.draw_patch(colour, text, psim.TextWrapped)
 
     def _buttons(self, *rows):
-        """Draws buttons that fill a line: rows (label, function, tooltip), red if a writer follows
-        that is at work.
+        """Draws buttons that fill a line: rows (label, function, tooltip), and as a fourth the
+        writer that a button has started, or None; while there is one, the button is red.
         """
         gap = psim.GetStyle().ItemSpacing[0]
         widths = [psim.CalcTextSize(label)[0] for label, *_ in rows]
@@ -346,7 +346,7 @@ class Panel:
         rows = []
         for name, one in RUNNING.items():
             if name != "recording" or not self.viewer.isReplay:
-                tooltip = f"{one.tooltip} until the next click ({one.ending} in out/)"
+                tooltip = f"{one.tooltip}, until the next click ({one.ending} in out/)"
                 if writer := outputs.writers.get(name):
                     tooltip = f"Stop, and save {writer.path.name}"
                 rows.append((one.label, partial(outputs.toggle, name), tooltip, writer))

@@ -257,7 +257,7 @@ def test_copies_in_the_midst_of_a_recording_go_on_by_themselves(tmp_path, solver
 
 
 @bothSolvers
-def test_a_state_goes_to_another_process_and_to_other_runs_of_the_scene(tmp_path, solver):
+def test_a_state_goes_to_another_process_and_to_other_runs_of_the_scene(solver):
     """With bodies that lie on others, were added and removed, and the settings of its time."""
     simulation = boxes(solver).run(75)
     late = simulation.add(shapes.sphere(0.4, 50.0, (0, 4, 0)))

@@ -63,11 +63,6 @@ def spun(spin, x=0.0, y=0.2, z=0.0):
     return throw(box_body(1.2, 0.4, 0.9, (x, y, z)), spin=(0.0, spin, 0.0))
 
 
-def dropped(mesh, height):
-    mesh.position = mesh.position + (0, height, 0)
-    return mesh
-
-
 def in_lanes(*worlds, width=40.0):
     """All bodies of these lists in one list, each list in a lane of its own along x."""
     for k, mesh in ((k, mesh) for k, meshes in enumerate(worlds) for mesh in meshes):
@@ -83,7 +78,9 @@ def slide(lanes, seconds=1.2, **settings):
     worlds = []
     for mover, floor, velocity in lanes:
         rise = -min(mesh.currVertices[:, 1].min() for mesh in floor)
-        worlds.append([dropped(mesh, rise) for mesh in (mover, *floor)])
+        worlds.append([mover, *floor])
+        for mesh in worlds[-1]:
+            mesh.position = mesh.position + (0, rise, 0)
         mover.linVelocity = np.array([velocity], dtype=float)
     meshes, movers = in_lanes(*worlds), [lane[0] for lane in lanes]
     start, heights = np.array([mesh.position[0] for mesh in movers]), []
@@ -112,7 +109,7 @@ SEAMS = {
     "free row, narrow": (box, lambda: free_row(0.4), (3, 0, 0)),
     "heavy rider": (lambda: box(density=8.0), lambda: free_row(2.0, 0.2, 3.0), (3, 0, 0.1)),
     "landing": (lambda: box(-0.52, 0.8), tiles, (5, 0, 0)),
-    "landing on triangles": (lambda: dropped(prism(6, 0.6, 0.5), 0.5), triangles, (3, 0, 0.2)),
+    "landing on triangles": (lambda: above(prism(6, 0.6, 0.5), 0.5), triangles, (3, 0, 0.2)),
     "free row, spinning": (lambda: spun(12, 0, 0.2), lambda: free_row(1.04, 0.5, 3), (0.6, 0, 0)),
     "tiles that move": (box, lambda: moving_tiles((1, 0, 0), 0.0), (3, 0, 0)),
     "tiles that turn": (box, lambda: moving_tiles((0, 0, 0), 0.3), (3, 0, 0)),

@@ -64,16 +64,14 @@ def test_the_formulas_on_arrays_have_the_bits_of_the_taught_functions(upper):
     kernels.resolve_velocity_constraint(velocity, w, inertia, point - position, n, tolerance)
     stopped = 0
     for c in range(count):
-        at, speeds, masses = (x[:, c], points[:, c]), (v[:, c], omega[:, c]), w[:, c]
+        at, masses = (x[:, c], points[:, c]), w[:, c]
         wasValid, found = resolve_position_constraint(*at, refValue[c], masses, upper, tolerance)
         assert wasValid is not bool(isViolated[c])
         assert wasValid or np.array_equal(np.ravel(found), moved[..., c].T.ravel())
-        wasValid, *found = resolve_velocity_constraint(
-            *at, *speeds, masses, tensors[:, c], tolerance
-        )
-        assert np.array_equal(
-            np.reshape(found, (2, 2, 3)), velocity[..., c].reshape(2, 3, 2).swapaxes(1, 2)
-        )
+        given = *at, v[:, c], omega[:, c], masses, tensors[:, c], tolerance
+        wasValid, *found = resolve_velocity_constraint(*given)
+        found = np.reshape(found, (2, 2, 3)).swapaxes(1, 2)
+        assert np.array_equal(found.reshape(6, 2), velocity[..., c])
         stopped += not wasValid
     assert 100 < np.count_nonzero(isViolated) < 900 and stopped > 500
 
