@@ -7,9 +7,7 @@ import numpy as np
 import oracles
 import pytest
 from engines import throw
-<<<<<<< HEAD
 from experiments import (
-    FREE,
     HANGING,
     beads,
     box,
@@ -21,9 +19,6 @@ from experiments import (
     run,
     top_speed,
 )
-=======
-from experiments import HANGING, beads, energy, fall, farthest, kinetic, nearest, run, top_speed
->>>>>>> w-rev
 from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation, state_of
 from scipy.spatial.transform import Rotation
 
