@@ -11,7 +11,15 @@ from rbs.geometry.vectors import dot, indices, norm, take
 from rbs.softstep.detection import KEEP, Poses
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS, ROUNDING, TINY, UNEVEN, PlacedManifolds
-from rbs.softstep.rows import SWEEPS, TOLERANCE, PartRows, contact_rows, islands_of, reached
+from rbs.softstep.rows import (
+    SWEEPS,
+    TOLERANCE,
+    PartRows,
+    contact_rows,
+    islands_of,
+    mean_squares,
+    reached,
+)
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
 # stacks bounce, because the impulses of one sweep per substep lag behind: with 0.2, a stack of
@@ -161,10 +169,7 @@ class SoftContacts(PlacedManifolds):
         """Whether manifolds (M,) of several points may touch in the step, and their points slip, on
         average of the squares, by more than gravity adds.
         """
-        along, across, spin = self.speed[POINTS:] ** 2
-        spread = np.add.reduce(self.isPoint * self.system.levers[3])
-        spread /= np.maximum(np.add.reduce(self.isPoint), 1)
-        isFast = along + across + spread * spin > self.fallSpeed**2
+        isFast = mean_squares(self.speed[POINTS:], self.system.spread) > self.fallSpeed**2
         isNear = self.separation < self.timeStep * (self.fallSpeed - self.speed[:POINTS])
         return isFast & (isNear & self.isPoint).any(axis=0) & self.system.limits[1].any(axis=0)
 

@@ -57,6 +57,7 @@ class ContactRows:
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
     levers : (4, 4, M), of each point 1, -y, x and x² + y² with its coordinates x along t1 and y
         along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
+    spread : (M,), mean of x² + y² over the points
     applied : (9, M), Jᵀ λ of all impulses so far, each with the arms that it was applied with
     mass : (4, M), of each point alone
     K[k] : (4, M), response of all points' speeds to the impulse of point k, times their masses
@@ -69,10 +70,12 @@ class ContactRows:
     """
 
     def __init__(self, motion, masses, geometry, turning=None):
-        """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`; masses : see `split_masses`
+        """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `spread`
+
+        masses : see `split_masses`
         turning : (6, 6, M), change of the arms in J in a second; None if they do not turn
         """
-        self.ends, self.isPoint, self.J, self.limits, self.levers = geometry
+        self.ends, self.isPoint, self.J, self.limits, self.levers, self.spread = geometry
         self.turning = turning
         axes = len(motion.invMass) * np.arange(6).reshape(2, 1, 3, 1)
         self.places = (self.ends[:, None] + axes).ravel()
@@ -112,7 +115,8 @@ class ContactRows:
         their slip counts; in others, it is that of points that stick.
         """
         self.leastSlip, self.sliding = leastSlip, indices(leastSlip)
-        given = leastSlip, self.levers, self.limits, self.friction, self.slip[:, POINTS:]
+        given = leastSlip, self.spread, self.levers, self.limits, self.friction
+        given = *given, self.slip[:, POINTS:]
         self._ofSliding = [take(x, self.sliding, -1) for x in given]
 
     def turn(self, seconds):
@@ -158,7 +162,8 @@ class ContactRows:
             np.copyto(sticking, friction, where=self.leastSlip > 0.0)
         friction = self._limited(pressed, sticking)
         if not isSoft and len(self.sliding):
-            given = (take(x, self.sliding, -1) for x in (pressed, friction, sticking))
+            given = pressed, friction, sticking, speed[POINTS:]
+            given = (take(x, self.sliding, -1) for x in given)
             friction[:, self.sliding] = self._sliding(*given)
         return np.concatenate((pressed, friction))
 
@@ -184,10 +189,10 @@ class ContactRows:
         limit, size = coulomb_limits(self.limits, pressed, friction)
         return friction * take(limit / np.maximum(np.maximum(size, limit), TINY), (0, 0, 1), axis=0)
 
-    def _sliding(self, pressed, friction, sticking):
+    def _sliding(self, pressed, friction, sticking, speed):
         """Friction (3, K) of the manifolds whose points slide, each point's against its slip.
 
-        pressed : (4, K); friction : (3, K), of points that stick
+        pressed : (4, K); friction : (3, K), of points that stick; speed : (3, K)
         sticking : (3, K), f*, impulses that would stop the slip w = A (f - f*) of the rows
 
         Some slide if, about, (S/L)² + (T/M)² > 1 for the friction S and the twist T of f*, with the
@@ -195,10 +200,11 @@ class ContactRows:
 
         A point that slips by u = B w receives f = -μ λ u/|u|. With c = μ λ/|u| for an estimate of
         |u| and C = Σ Bᵀ c B, f = -C w, and thus -w = (A⁻¹ + C)⁻¹ f*. A point that would then slip
-        faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size;
-        the measured slip of each point would make spins oscillate.
+        faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size,
+        scaled down to the measured slip of all points: with that of each, spins oscillate, and
+        without it, cubes creep under 1000 times their mass.
         """
-        leastSlip, levers, limits, response, mass = self._ofSliding
+        leastSlip, spread, levers, limits, response, mass = self._ofSliding
 
         def slip(w):
             """Slip speeds (4, K) of the points; w : (3, K), speeds of the friction rows."""
@@ -217,7 +223,8 @@ class ContactRows:
         size /= np.maximum(limit, TINY)
         size, limit = np.sqrt(np.add.reduce(size * size)), limits[0] * pressed
         scaled = np.einsum("ijm,jm->im", response, sticking * (1.0 / np.maximum(size, 1.0) - 1.0))
-        estimate = np.maximum(slip(scaled), leastSlip)
+        ratio = mean_squares(speed, spread) / np.maximum(mean_squares(scaled, spread), TINY)
+        estimate = np.maximum(slip(scaled * np.sqrt(np.minimum(ratio, 1.0))), leastSlip)
         mass = inverted(mass + resistance(limit / estimate))
         w = np.einsum("ijm,jm->im", mass, sticking)
         limit /= np.maximum(estimate, slip(w))
@@ -233,7 +240,8 @@ class PartRows(ContactRows):
 
     def __init__(self, rows, isPart, isActive, motion):
         """rows : `ContactRows` of all; isPart : (M,); isActive : (4, M), points that may change"""
-        self.some, given = indices(isPart), (rows.ends, isActive, rows.J, rows.limits, rows.levers)
+        self.some = indices(isPart)
+        given = rows.ends, isActive, rows.J, rows.limits, rows.levers, rows.spread
         ends, isActive, *others = (take(x, self.some, -1) for x in given)
         self.island = islands_of(ends, motion.invMass)
         masses = split_masses(ends, motion.inverse)
@@ -301,7 +309,8 @@ def contact_rows(placed, bodies, inverse, frames, motion, mu):
         own = sign * arms[k]
         J[k + 1, :, :6], J[k + 1, :, 6] = triples.cross(own, axes), sign * n
         turning[k] = triples.cross(mat_vec(take(rate, ends[k], 1)[:, None], own), axes)
-    geometry = ends, isPoint, J.reshape(9, 7, -1), limits, levers
+    spread = np.add.reduce(weight * levers[3])
+    geometry = ends, isPoint, J.reshape(9, 7, -1), limits, levers, spread
     return ContactRows(motion, masses, geometry, turning.reshape(6, 6, -1))
 
 
@@ -312,6 +321,12 @@ def coulomb_limits(limits, pressed, friction):
     size = friction * friction
     size[0] += size[1]
     return np.einsum("ikm,km->im", limits, pressed), np.sqrt(size[::2])
+
+
+def mean_squares(speed, spread):
+    """Mean squares (M,) of the slip of points; speed : (3, M), of the friction rows"""
+    along, across, spin = speed * speed
+    return along + across + spread * spin
 
 
 def split_masses(ends, inverse):
