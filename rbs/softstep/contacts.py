@@ -46,18 +46,13 @@ LOAD_GROWTH = 2.0
 # Most sweeps where bounces lose no energy. With fewer, balls whose points are near each other lose
 # some.
 MOST_SWEEPS = 200
-# Fastest push, as a multiple of the speed that gravity adds in a substep. With more, a single step
-# that is far shorter than the last one throws stacks up, since relaxing leaves a part of a push;
-# with less, steps of 2 ms push bodies out of each other more slowly than those of 20 ms.
-MOST_PUSH = 1500.0
 
 
-def push_speeds(motion, radius, h):
+def push_speeds(motion, radius):
     """Greatest speeds at which overlaps and distance errors are pushed out, for radii of bodies:
-    with these, a body has fallen by half its radius. h : s, of a substep
+    with these, a body has fallen by half its radius.
     """
-    speed = np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
-    return np.minimum(speed, MOST_PUSH * motion.fallRate * h) if motion.fallRate else speed
+    return np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
 
 
 class SoftContacts(PlacedManifolds):
@@ -89,7 +84,7 @@ class SoftContacts(PlacedManifolds):
         super().__init__(manifolds, frames, indices(isMovable))
         self.ends = take(columns, self.rows, axis=1)
         size, radius = frames.sizes(self.first, self.second)
-        self.pushSpeed = -push_speeds(motion, radius, h)
+        self.pushSpeed = -push_speeds(motion, radius)
         impulse = manifolds.impulse[:, self.rows] * self.isPoint
         self.impulse = ratio * np.concatenate((impulse, manifolds.friction[:, self.rows]))
         self.separation = self.gap.copy()

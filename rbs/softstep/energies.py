@@ -19,10 +19,10 @@ from rbs.stepping.flight import turn_matrix
 # a restitution of 0.25. With more, after plastic blows, a little energy changes velocities by much;
 # with less, rods that tumble lose some as they bounce.
 BOUNCED = 1.6
-# Part of its energy that an island may gain in a step if feasible constraints alone join it. With
-# less, rings and chains that turn fast lose energy, because their gains and losses by rounding no
-# longer cancel; with more, a chain that is jerked tight may end with a multiple of its energy.
-ROUNDED = 0.03
+# Part of its energy that an island which only feasible constraints join may gain in a step. With
+# less, rings that turn fast lose up to half of theirs, as gains and losses by rounding cancel; with
+# more, a chain that is jerked tight may end with 13 times what it had.
+ROUNDED = 0.2
 
 
 def bounded_share(motion, touching, normal, tied, infeasible):

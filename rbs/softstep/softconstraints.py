@@ -79,7 +79,7 @@ class SoftConstraints:
         length = norm(way)
         along = length.clip(*bounds) / np.maximum(length, TINY) * dot(self._axes, way)
         self.lower, self.upper = np.where(self.isJoint, along, bounds)
-        self._reach, self.pushSpeed = norm(arms), push_speeds(motion, radius[some], h)
+        self._reach, self.pushSpeed = norm(arms), push_speeds(motion, radius[some])
         self._places = (self._column + len(motion.invMass) * np.arange(6)[:, None]).ravel()
         isMoving = motion.invMass[self._column] > 0.0
         given = self._column.tobytes(), isMoving.tobytes()
