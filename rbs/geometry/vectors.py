@@ -37,20 +37,13 @@ def norm(v):
 
 def mat_vec(matrix, v):
     """Matrix times vector, (9, n) and (3, n); either may be single, (9,) or (3, 1)."""
-    products = matrix.reshape(3, 3, *(matrix.shape[1:] or (1,))) * v
-    result = products[:, 0]
-    result += products[:, 1]
-    result += products[:, 2]
-    return result
+    rows = matrix.reshape(3, 3, *(matrix.shape[1:] or (1,)))
+    return dot(rows.swapaxes(0, 1), v[:, None])
 
 
 def vec_mat(v, matrix):
     """Transposed matrix times vector, (9, n) and (3, n)."""
-    products = v[:, None] * matrix.reshape(3, 3, *matrix.shape[1:])
-    result = products[0]
-    result += products[1]
-    result += products[2]
-    return result
+    return dot(v[:, None], matrix.reshape(3, 3, *matrix.shape[1:]))
 
 
 def rotate_tensor(rotation, tensor):
