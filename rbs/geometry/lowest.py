@@ -78,6 +78,20 @@ def support_features(hulls, bodies, directions, tolerance):
     return level, np.bincount(take(row, lowest), minlength=len(bodies)), take(column, lowest)
 
 
+def touching_faces(hulls, bodies, outward):
+    """Of the faces at the support point of each body (R,), that which faces the other one most.
+
+    outward : (3, R), normals of contact, towards the other bodies. Faces elsewhere may be closer to
+    them, but do not contain the deepest point.
+    """
+    vertex = supports(hulls, bodies, -outward)[1]
+    count = take(hulls.vertexFaceCount, vertex)
+    row, face = ranges(take(hulls.vertexFaceStart, vertex), count)
+    face = take(hulls.vertexFaces, face)
+    cosine = dot(take(hulls.normals, face, axis=1), take(outward, row, axis=1))
+    return take(face, row_minima(-cosine, count)[1])
+
+
 def _heights(hulls, bodies, directions, cell):
     """Heights of the vertices in the cells (R,): `(row (K,), count (R,), column (K,), heights)`."""
     cellCount, cellStart, vertex = _cells(hulls.distinct)

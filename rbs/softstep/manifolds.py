@@ -12,19 +12,9 @@ import numpy as np
 
 from rbs.geometry.facets import find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners
-from rbs.geometry.lowest import supports
+from rbs.geometry.lowest import touching_faces
 from rbs.geometry.patches import Polygons, overlap_corners
-from rbs.geometry.vectors import (
-    cross,
-    dot,
-    find_sorted,
-    indices,
-    mat_vec,
-    norm,
-    ranges,
-    row_minima,
-    take,
-)
+from rbs.geometry.vectors import cross, dot, find_sorted, indices, mat_vec, norm, row_minima, take
 from rbs.stepping.reports import GROUND, ContactColumns
 
 POINTS = 4
@@ -202,7 +192,7 @@ def pair_corners(pairs, normal, tangent):
     bodies = np.concatenate((pairs.first, pairs.second))
     origin = np.concatenate((-pairs.t, np.zeros_like(pairs.t)), axis=1)
     outward = np.concatenate((normal, -normal), axis=1)
-    face = _touching_faces(hulls, bodies, outward)
+    face = touching_faces(hulls, bodies, outward)
     row, corner, count = face_corners(hulls, bodies, face)
     corner += take(origin, row, axis=1)
     faces = Polygons(count, dot(corner[:, None], take(frame[:, :2], row, axis=2)))
@@ -214,20 +204,6 @@ def pair_corners(pairs, normal, tangent):
     slopeU, slopeV, slopeN = take(slopes, row, axis=2)
     heights = (take(offset, row, axis=1) - slopeU * u - slopeV * v) / slopeN
     return row, np.array((u, v, *heights))
-
-
-def _touching_faces(hulls, bodies, outward):
-    """Of the faces at the support point of each body (R,), that which faces the other one most.
-
-    outward : (3, R), normals of contact, towards the other bodies. Faces elsewhere may be closer to
-    them, but do not contain the deepest point.
-    """
-    vertex = supports(hulls, bodies, -outward)[1]
-    count = take(hulls.vertexFaceCount, vertex)
-    row, face = ranges(take(hulls.vertexFaceStart, vertex), count)
-    face = take(hulls.vertexFaces, face)
-    cosine = dot(take(hulls.normals, face, axis=1), take(outward, row, axis=1))
-    return take(face, row_minima(-cosine, count)[1])
 
 
 def four_points(row, u, v, separation, growth, size, margin):
