@@ -175,7 +175,7 @@ class SceneSimulation(Scene):
         settings = self.settings
         self._note_removed()
         if settings.contactSolver == "impulse":
-            self.solverState.clear()  # out of date after a step of this solver
+            self.solverState.replace(SolverState())  # out of date after a step of this solver
         if self.beside is not None:
             self.beside.begin(self)
         begin = time.perf_counter()

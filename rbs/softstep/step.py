@@ -192,10 +192,6 @@ class SolverState:
     """
 
     def __init__(self):
-        self.clear()
-
-    def clear(self):
-        """Forgets everything, so that the next step starts cold."""
         self.count, self.manifolds, self.sleep = None, NO_MANIFOLDS, None
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
         self.constraint, self.surroundings = np.zeros((6, 0)), np.zeros(0)
