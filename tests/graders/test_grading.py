@@ -112,15 +112,9 @@ def assert_marks_sheets_and_results_agree(out):
     assert "\n'=SUM(1)," in (out / "marks.csv").read_text("utf-8-sig")
 
 
-def collision_notes(edits):
-    """The Grade of an edited solution in this process, and its notes as lines."""
-    grade = grades_of(edited(*edits))[1]
-    return grade, grade.told
-
-
 def test_two_mistakes_are_found_together():
     edits = VARIANTS["restitution-twice"] + VARIANTS["no-rotational-term"]
-    twice, rotational = collision_notes(edits)[1]
+    twice, rotational = grades_of(edited(*edits))[1].told
     assert twice.startswith("resolve_collision: hint: ") and "counted twice: (1 + 2 CR" in twice
     assert "leaves out the rotational part" in rotational
 
@@ -139,11 +133,12 @@ FAULTS = (
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault[1].strip()[:30])
 def test_an_error_is_reported_with_its_line_and_the_rest_is_graded(fault):
     old, new, expected = fault
-    lines = edited((old, new))[FUNCTIONS].splitlines()
+    files = edited((old, new))
+    lines = files[FUNCTIONS].splitlines()
     (line,) = [k for k, text in enumerate(lines, start=1) if new.strip() in text]
-    grade, notes = collision_notes([(old, new)])
+    grade = grades_of(files)[1]
     assert grade.wrong
-    assert any(re.search(expected.format(line=line), note) for note in notes), notes
+    assert any(re.search(expected.format(line=line), note) for note in grade.told), grade.told
     right = [one.name for one in grade.quantities if one.isRight]
     assert ("rotated inverse inertia" in right) == (old in (IMPULSE, LAST))
 

@@ -6,16 +6,10 @@ import sys
 
 import numpy as np
 import pytest
+import studentVariants
 from oracles import DATA
 from program import bits, call, start, wait_for
-from studentVariants import (
-    edited,
-    files_of_variant,
-    on_skeleton,
-    table_rows,
-    write_submission,
-    written,
-)
+from studentVariants import edited, files_of_variant, table_rows, write_submission, written
 
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.recording import Recording
@@ -300,7 +294,7 @@ def test_code_runs_in_its_folder_and_the_program_in_its_own(tmp_path, program):
 
 def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path, program):
     """It is resumed and verified with these functions only; it is replayed without them."""
-    student = written(tmp_path / "student", on_skeleton())
+    student = written(tmp_path / "student", studentVariants.on_skeleton())
     (student / "Quaternion.py").unlink()  # which the coursework supplies
     given = "--functions", student / "RBSFunctions.py"
     for name, *options in (("theirs.h5", *given), ("ours.h5",)):

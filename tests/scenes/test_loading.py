@@ -94,13 +94,12 @@ def test_scene_file_loads_with_its_constraints(path):
             assert high == [*ends, float(row[5]) * distance, True]
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("case", [*cases()], ids=lambda case: case[0])
 def test_file_of_another_program_is_the_body_that_it_describes(tmp_path, case):
     name, content, counts = case
     path = write(tmp_path, name, content)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        mesh, body = load_mesh_file(path), load_body(path, 2.0, scale=0.5)
+    mesh, body = load_mesh_file(path), load_body(path, 2.0, scale=0.5)
     assert tuple(map(len, mesh)) == counts
     assert body.mass == pytest.approx(2.0 / 8.0) and body.hullVolume == pytest.approx(1.0 / 8.0)
     if name not in ("a vertex twice.mesh", "halves that touch.obj"):  # four faces at an edge
@@ -213,6 +212,7 @@ def test_surface_that_is_not_star_shaped_has_the_inertia_that_trimesh_integrates
         assert body.hullVolume == pytest.approx(whole.convex_hull.volume)
 
 
+@pytest.mark.filterwarnings("error")
 def test_body_that_seems_to_be_in_millimetres_is_told_of(tmp_path):
     path = write(tmp_path, "cube.off", CUBE)
     for density, scale in ((1000.0, 64.0), (1e-3, 500.0)):  # 2.6e8 kg; 4.9 m are 1/100 of its size
@@ -220,10 +220,8 @@ def test_body_that_seems_to_be_in_millimetres_is_told_of(tmp_path):
             load_body(path, density, scale=scale)
     text = "2\n" + 2 * "cube.off scale=1D-1 2.6e8 0 0 9 0 1 0 0 0\n"
     scene = write(tmp_path, "a-scene.txt", text)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        load_body(path, 2.6e8, isFixed=True)
-        meshes = load_scene_file(scene)
+    load_body(path, 2.6e8, isFixed=True)
+    meshes = load_scene_file(scene)
     assert [mesh.volume for mesh in meshes] == [pytest.approx(1e-3)] * 2
     source = SceneSource.of_files(scene)
     assert [source.make()[0][0].mass for _ in range(2)] == [meshes[0].mass] * 2

@@ -3,22 +3,12 @@
 import copy
 import itertools
 
+import experiments
 import numpy as np
 import oracles
 import pytest
 from engines import throw
-from experiments import (
-    HANGING,
-    beads,
-    box,
-    energy,
-    fall,
-    farthest,
-    kinetic,
-    nearest,
-    run,
-    top_speed,
-)
+from experiments import HANGING, beads, box, energy, fall, farthest, kinetic, nearest, top_speed
 from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation, state_of
 from scipy.spatial.transform import Rotation
 
@@ -35,7 +25,7 @@ def simulate(meshes, steps, state=None, CRCoeff=0.0, timeStep=H, **more):
     """Steps of the soft-step solver, with friction 0.5; returns its state and the last report."""
     more["solverState"] = state = SolverState() if state is None else state
     given = "soft step", meshes, steps * timeStep, timeStep, CRCoeff
-    return state, run(*given, **more)[0].report
+    return state, experiments.run(*given, **more)[0].report
 
 
 def test_corners_that_are_selected_twice_are_points_once_in_one_order_on_every_processor():
@@ -316,13 +306,9 @@ def added(*place):
     return lambda meshes: meshes.append(box_body(2, 2, 2, place))
 
 
-def push_the_top(meshes):
-    meshes[2].push((5.0 * meshes[2].mass, 0.0, 0.0), meshes[2].position)
-
-
 # What is done to a sleeping stack, which of its bodies moves then, and where that one ends.
 DISTURBED = {
-    "a blow": (push_the_top, 2, lambda place: place[0] > 1.0),
+    "a blow": (lambda meshes: throw(meshes[2], (5, 0, 0)), 2, lambda place: place[0] > 1.0),
     "a body that comes down": (added(0.6, 12.0, 0.0), 2, lambda place: place[1] > 4.9),
     "a body that is added on top": (added(0.3, 7.0, 0.0), 2, lambda place: place[1] > 4.9),
 }
@@ -411,7 +397,7 @@ def test_rods_on_joints_and_short_bars_keep_their_energy(rods, within, isGyrosco
     settings = HANGING | {"constraints": constraints, "linkedBodiesCollide": False}
     settings["gyroscopic"] = isGyroscopic
     settings["watch"] = lambda: (energy(meshes), kinetic(meshes))
-    _, track = run("soft step", meshes, 3.0, **settings)
+    _, track = experiments.run("soft step", meshes, 3.0, **settings)
     assert abs(track[:, 0] - before).max() < within * track[:, 1].max()
     for a, i, b, j, length, _ in constraints:
         apart = np.linalg.norm(meshes[a].currVertices[i] - meshes[b].currVertices[j])

@@ -33,8 +33,7 @@ def make_heap(seed):
         position, density = rng.uniform((-12, 4, -12), (12, 28, 12)), rng.uniform(0.5, 2.0)
         mesh = body(name, position, rng.normal(size=4), density, k % 11 == 10, size)
         if not mesh.isFixed:
-            mesh.linVelocity = rng.normal(size=(1, 3)) * [3.0, 10.0, 3.0]
-            mesh.angVelocity = rng.normal(size=(1, 3))
+            throw(mesh, rng.normal(size=3) * [3.0, 10.0, 3.0], rng.normal(size=3))
         meshes.append(mesh)
     return meshes
 

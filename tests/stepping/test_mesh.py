@@ -101,7 +101,6 @@ def test_what_a_caller_writes_counts_and_what_a_caller_keeps_stays(way):
 def test_states_in_tables_are_those_of_a_loop_whatever_a_caller_does():
     """To the meshes, to the list and its order, and to the vertices."""
     rng = np.random.default_rng(11)
-    names = ("position", "orientation", "linVelocity", "angVelocity")
     ones, many = boxes(6), boxes(6)
 
     def assign(mesh, name, value):
@@ -125,7 +124,7 @@ def test_states_in_tables_are_those_of_a_loop_whatever_a_caller_does():
 
     done = set()
     for _ in range(120):
-        change, name = rng.choice((assign, add, fix, halve, grow, drive)), rng.choice(names)
+        change, name = rng.choice((assign, add, fix, halve, grow, drive)), rng.choice(oracles.STATE)
         value, k = rng.normal(size=(1, 4 if name == "orientation" else 3)), rng.integers(6)
         copies = [copy.copy(many[k]), copy.deepcopy(many[k]), pickle.loads(pickle.dumps(many[k]))]
         before, order = many[k].position.copy(), rng.permutation(6)[: rng.choice((0, 0, 3, 6))]
@@ -135,7 +134,7 @@ def test_states_in_tables_are_those_of_a_loop_whatever_a_caller_does():
             stepped(meshes, **options)
         done.add((change, name))
         for one, other in zip(ones, many, strict=True):
-            for attribute in rng.permutation((*names, "currVertices"))[: rng.integers(6)]:
+            for attribute in rng.permutation((*oracles.STATE, "currVertices"))[: rng.integers(6)]:
                 assert np.array_equal(getattr(one, attribute), getattr(other, attribute))
         assert all(np.array_equal(mesh.position, before) for mesh in copies) or change is add
     assert len(done) > 20

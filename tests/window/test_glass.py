@@ -25,8 +25,7 @@ def open_at(open_panel, polyscope):
 
     def start(scene, steps, **settings):
         panel = open_panel(scene, Settings(**settings))
-        for _ in range(steps):
-            panel.viewer.step_once()
+        make_steps(panel.viewer, steps)
         polyscope.frame_tick()
         return panel
 
