@@ -138,7 +138,7 @@ def _striking_speeds(step, frames, manifolds, isAwake):
     isMet, speeds = placed.isPoint & (placed.gap <= way), np.zeros(frames.count + 1)
     np.maximum.at(speeds, ends, np.where(isMet, towards, 0.0).max(axis=1))
     friction = step.mu * step.substeps * np.add.reduce(take(manifolds.impulse, rows, 1))
-    slip = norm(velocity[:, 1] - velocity[:, 0]).max(axis=0)
+    slip = (placed.isPoint * norm(velocity[:, 1] - velocity[:, 0])).max(axis=0)
     np.maximum.at(speeds, ends, np.minimum(friction * take(frames.bodies.invMass, ends), slip))
     return isAwake * speeds[:-1]
 
