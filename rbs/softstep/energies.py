@@ -19,7 +19,7 @@ from rbs.stepping.flight import turn_matrix
 # a restitution of 0.25. With more, after plastic blows, a little energy changes velocities by much;
 # with less, rods that tumble lose some as they bounce.
 BOUNCED = 1.6
-# Part of its energy that an island which only feasible constraints join may gain in a step. With
+# Part of its energy that an island which only constraints join may gain in a step. With
 # less, rings that turn fast lose up to half of theirs, as gains and losses by rounding cancel; with
 # more, a chain that is jerked tight may end with 13 times what it had.
 ROUNDED = 0.2
@@ -31,9 +31,9 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     If an island that rests on something has more, its velocities shrink, except their mean along
     the support. If another one has more, its impulses shrink: momentum is conserved where nothing
     takes it. Islands on which torques work, or supports that move differently, are left alone, and
-    so are those that feasible constraints alone join, if they gain less than the part ROUNDED. Of
-    bodies joined by infeasible ones, half of the energy counts, and none of gravity's work: they
-    come to rest.
+    so are those that constraints alone join, if they gain less than the part ROUNDED. Of bodies
+    that infeasible ones join, half of the energy counts, and none of gravity's work: they come to
+    rest.
 
     Returns the share (m + 1,) of each body's impulses that is left.
 
@@ -79,7 +79,7 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     before[halved], work[halved] = 0.5 * before[halved], 0.0
     limit, now = total(before + work), turned(velocity)
     energy = total(0.5 * products(now, now))
-    isBound, isTied = with_one_of(np.concatenate((touching, infeasible), axis=1)), with_one_of(tied)
+    isBound, isTied = with_one_of(touching), with_one_of(tied)
     isOver = (isBound & (energy > limit)) | (isTied & ((1.0 - ROUNDED) * energy > limit))
     if not (isOver.any() or isTumbling):
         return share
