@@ -19,8 +19,8 @@ from rbs.stepping.flight import turn_matrix
 # a restitution of 0.25. With more, after plastic blows, a little energy changes velocities by much;
 # with less, rods that tumble lose some as they bounce.
 BOUNCED = 1.6
-# Part of its energy that an island which only constraints join may gain in a step. With
-# less, rings that turn fast lose up to half of theirs, as gains and losses by rounding cancel; with
+# Fraction of its energy that an island joined by constraints alone may gain in a step. With less,
+# rings that turn fast lose up to half of theirs, as gains by rounding are cut and losses stay; with
 # more, a chain that is jerked tight may end with 13 times what it had.
 ROUNDED = 0.2
 
@@ -31,7 +31,7 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     If an island that rests on something has more, its velocities shrink, except their mean along
     the support. If another one has more, its impulses shrink: momentum is conserved where nothing
     takes it. Islands on which torques work, or supports that move differently, are left alone, and
-    so are those that constraints alone join, if they gain less than the part ROUNDED. Of bodies
+    so are those that constraints alone join, if they gain less than the fraction ROUNDED. Of bodies
     that infeasible ones join, half of the energy counts, and none of gravity's work: they come to
     rest.
 
@@ -44,9 +44,8 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     share, isTumbling = np.ones(len(motion.moving) + 1), motion.drift is not None
     if len(touching[0]) + len(tied[0]) == 0:
         return share
-    isMovable, links = motion.invMass[:-1] > 0.0, np.concatenate((touching, tied), axis=1)
-    mass, inertia = motion.mass, motion.inertia
-    turn, island = np.array(turn_matrix(motion.turn[:, :-1])), islands(links, isMovable)
+    links, mass, inertia = np.concatenate((touching, tied), axis=1), motion.mass, motion.inertia
+    turn, island = np.array(turn_matrix(motion.turn[:, :-1])), islands(links, mass > 0.0)
     count = len(island)
 
     def total(x):
@@ -60,14 +59,6 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     def products(v, w):
         return mass * dot(v[:3], w[:3]) + dot(v[3:], mat_vec(inertia, w[3:]))
 
-    def turned(v):
-        """Velocities (6, m) at the end of the step, the angular ones in axes that turn with it."""
-        if not isTumbling:
-            return np.concatenate((v[:3], vec_mat(v[3:], turn)))
-        inverse = inverted(inertia.reshape(3, 3, -1)).reshape(9, -1)
-        momentum = vec_mat(mat_vec(inertia, v[3:]), turn)
-        return np.concatenate((v[:3], mat_vec(inverse, momentum)))
-
     some, held, frame, isWorked = _supports(motion, links, mass, island, count)
     normal = np.concatenate((normal, np.zeros((3, len(tied[0])))), axis=1)
     normal = take(normal, some, axis=1)  # of what islands rest on
@@ -77,7 +68,7 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     before, work = 0.5 * products(begin, begin), mass * dot(motion.gravity[:, :-1], way)
     halved = infeasible[infeasible < count]
     before[halved], work[halved] = 0.5 * before[halved], 0.0
-    limit, now = total(before + work), turned(velocity)
+    limit, now = total(before + work), _turned(velocity, inertia, turn, isTumbling)
     energy = total(0.5 * products(now, now))
     isBound, isTied = with_one_of(touching), with_one_of(tied)
     isOver = (isBound & (energy > limit)) | (isTied & ((1.0 - ROUNDED) * energy > limit))
@@ -88,7 +79,7 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     free = begin.copy()
     free[:3] += motion.timeStep * motion.gravity[:, :-1]
     if isTumbling or (isOver & ~rests).any():
-        atFree = turned(free)
+        atFree = _turned(free, inertia, turn, isTumbling)
         change = now - atFree
         a, b = total(0.5 * products(change, change)), total(products(atFree, change))
         if isTumbling:  # as they turn on, bodies that have bounced keep what impulses have left
@@ -109,6 +100,18 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     velocity = free + share[:-1] * (velocity - free)
     motion.velocity[:, :-1] = frame + along + shrink * (velocity - along)
     return share
+
+
+def _turned(velocity, inertia, turn, isTumbling):
+    """Velocities (6, m) at the end of the step, the angular ones in axes that turn with it.
+
+    turn : (9, m), rotation matrices of the step. If isTumbling, angular momenta last
+    """
+    linear, angular = velocity[:3], velocity[3:]
+    if not isTumbling:
+        return np.concatenate((linear, vec_mat(angular, turn)))
+    inverse = inverted(inertia.reshape(3, 3, -1)).reshape(9, -1)
+    return np.concatenate((linear, mat_vec(inverse, vec_mat(mat_vec(inertia, angular), turn))))
 
 
 def _supports(motion, links, mass, island, count):
