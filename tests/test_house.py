@@ -10,7 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from mutations import FAULTS, path_of
+from mutations import FAULTS, ROW, TABLE, path_of
 from oracles import ROOT
 
 TOP = ("RBSFunctions", "RigidBodySimulation", "Quaternion", "GJK")
@@ -93,6 +93,7 @@ def test_a_students_process_can_import_all_that_its_modules_need(monkeypatch):
 
 
 def test_faults_that_the_tests_must_notice_can_be_put_in():
+    assert not ROW.sub("", TABLE.partition("\n\n")[2]).strip()  # as marks of a merge
     for fault in FAULTS:
         source = (ROOT / fault.file).read_text(encoding="utf-8")
         assert source.count(fault.text) == 1, fault.what
