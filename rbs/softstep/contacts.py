@@ -8,7 +8,7 @@ import numpy as np
 
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, indices, norm, take
-from rbs.softstep.detection import KEEP, Poses
+from rbs.softstep.detection import Poses
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS, ROUNDING, TINY, UNEVEN, PlacedManifolds
 from rbs.softstep.rows import (
@@ -20,6 +20,7 @@ from rbs.softstep.rows import (
     mean_squares,
     reached,
 )
+from rbs.softstep.supports import FLUSH
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
 # stacks bounce, because the impulses of one sweep per substep lag behind: with 0.2, a stack of
@@ -83,7 +84,7 @@ class SoftContacts(PlacedManifolds):
         self.others = indices(~isMovable)
         super().__init__(manifolds, frames, indices(isMovable))
         self.ends = take(columns, self.rows, axis=1)
-        size, radius = frames.sizes(self.first, self.second)
+        radius = frames.sizes(self.first, self.second)[1]
         self.pushSpeed = -push_speeds(motion, radius)
         impulse = manifolds.impulse[:, self.rows] * self.isPoint
         self.impulse = ratio * np.concatenate((impulse, manifolds.friction[:, self.rows]))
@@ -113,7 +114,7 @@ class SoftContacts(PlacedManifolds):
         self.isUneven = isUneven | (ratio > 1.0)
         # in every substep, constraints may pull down again what one sweep has stopped
         isTied = (take(frames.tiedReach, ends[:, self.rows]) > 0.0).any(axis=0)
-        self.sinkSpeed = np.where(isTied, self.fallSpeed, KEEP * size / h)
+        self.sinkSpeed = np.where(isTied, self.fallSpeed, FLUSH * radius / h)
         self.tolerance = np.where(self.isUneven, TOLERANCE * self.fallSpeed, self.sinkSpeed)
 
     def _closing_speeds(self, motion):

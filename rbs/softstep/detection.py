@@ -20,11 +20,10 @@ from rbs.softstep.supports import FLUSH, deferring
 
 # Lengths are fractions of the thickness of the thinner body.
 
-# Change of the relative pose after which the manifold of two bodies is rebuilt, height over the
-# deepest point up to which others count, and depth by which a point may sink in a substep if
-# another sweep would stop it. With more, its normal becomes visibly outdated, cylinders that roll
-# sink between points too far apart, and fast heavy bodies press light ones into the ground; with
-# less, time is spent on finding the same manifold again, and on sweeps.
+# Change of the relative pose after which the manifold of two bodies is rebuilt, and height over the
+# deepest point up to which others count. With more, its normal becomes visibly outdated, and
+# cylinders that roll sink between points too far apart; with less, time is spent on finding the
+# same manifold again.
 KEEP = 0.03
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
 # time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
