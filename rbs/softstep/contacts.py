@@ -197,7 +197,7 @@ class SoftContacts(PlacedManifolds):
         return np.concatenate((grown, friction * share))
 
     def soft_sweep(self, motion):
-        """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
+        """Pushes penetration out, and goes on with what still sinks and with uneven islands."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         push = ANGLE / (self.h * A1) * self.separation
         bias = np.maximum(np.maximum(push, self.pushSpeed), approach)
@@ -205,16 +205,14 @@ class SoftContacts(PlacedManifolds):
         self.measure(motion)
         self._sweep(bias, softness, self.most)
         self.measure(motion)
-        unsolved = self._unsolved(motion)
-        self._go_on(motion, unsolved, bias, softness, self.most)
+        self._go_on(motion, self.isUneven | self._sinking(motion), bias, softness, self.most)
         self.separation += self.h * self.speed[:POINTS]
-        return unsolved
 
-    def relax(self, motion, unsolved):
-        """Removes the velocity added by the springs; unsolved : from `soft_sweep`"""
+    def relax(self, motion):
+        """Removes the velocity added by the springs."""
         bias = np.maximum(self.separation, 0.0) / self.h
         self._sweep(bias)
-        self._go_on(motion, unsolved, bias)
+        self._go_on(motion, self.isUneven, bias)
         self.total += self.impulse
         self.system.turn(self.h)
 
@@ -223,30 +221,23 @@ class SoftContacts(PlacedManifolds):
         self.impulse = self.system.solved(before, self.speed, bias, softness, most)
         self.pending = self.impulse - before
 
-    def _unsolved(self, motion):
-        """`ContactRows` of the manifolds that one sweep leaves unsolved, or None: those of uneven
-        islands, and all of bodies of which a point sinks faster than `sinkSpeed`.
-        """
+    def _sinking(self, motion):
+        """All manifolds (M,) of bodies of which a point sinks faster than `sinkSpeed`."""
         speed = np.maximum(self.separation, 0.0) / self.h + self.speed[:POINTS]
-        sinking, isPart = (speed < -self.sinkSpeed).any(axis=0), self.isUneven
-        if np.count_nonzero(sinking):
-            isSinking = np.zeros(len(motion.invMass), dtype=bool)
-            isSinking[self.ends[:, sinking]] = True
-            isPart = isPart | (isSinking & (motion.invMass > 0.0))[self.ends].any(axis=0)
+        isBody = np.zeros(len(motion.invMass), dtype=bool)
+        isBody[self.ends[:, (speed < -self.sinkSpeed).any(axis=0)]] = True
+        return (isBody & (motion.invMass > 0.0))[self.ends].any(axis=0)
+
+    def _go_on(self, motion, isPart, *terms):
+        """Goes on with the manifolds isPart (M,) until their errors are within `tolerance`."""
         if not isPart.any():
-            return None
+            return
         part = PartRows(self.system, isPart, self.isPoint, motion)
         part.let_slide(take(self.system.leastSlip, part.some))
-        return part
-
-    def _go_on(self, motion, unsolved, *terms):
-        """Goes on with what is unsolved until its errors are within `tolerance`."""
-        if unsolved is not None:
-            self.apply(motion)
-            unsolved.applied[:] = 0.0
-            self.impulse = unsolved.converged(motion, self.impulse, self.tolerance, *terms)
-            self.system.applied[:, unsolved.some] += unsolved.applied
-            self.measure(motion)
+        self.apply(motion)
+        self.impulse = part.converged(motion, self.impulse, self.tolerance, *terms)
+        self.system.applied[:, part.some] += part.applied
+        self.measure(motion)
 
     def impact(self, motion, CRCoeff, distances):
         """Solves the blows of the step, and bounds the energy that it has added.

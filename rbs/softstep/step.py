@@ -17,9 +17,9 @@ and Box2D v3 call this method soft step:
     a bound on the energy that all this gives                        energies
     bodies on trial that stay where they were, and that fall asleep  sleeping
 
-Sweeps over contacts go on while a point would sink far, or on a linked body, faster than gravity
-makes it in a step. They go on until they converge where masses are uneven, and in a step whose
-substeps are longer than the last one's.
+The first sweep goes on while a point would sink far, or on a linked body, faster than gravity makes
+it in a step. Both go on until they converge where masses are uneven, and in a step whose substeps
+are longer than the last one's.
 """
 
 import numpy as np
@@ -95,13 +95,13 @@ def _make_substep(motion, contacts, distances, h):
     if distances.count:
         contacts.apply(motion)
         pushed = distances.pull(motion)
-    unsolved = contacts.soft_sweep(motion)
+    contacts.soft_sweep(motion)
     if distances.count:
         distances.relax(motion, pushed)
         contacts.measure(motion)
     else:
         motion.displacement += h * motion.rates()
-    contacts.relax(motion, unsolved)
+    contacts.relax(motion)
 
 
 class Motion:
