@@ -293,14 +293,12 @@ class SceneView:
         if isOn != self.isSmooth:  # Polyscope draws everything again
             self.isSmooth = isOn
             ps.set_SSAA_factor(2 if isOn else 1)
-            self.viewpoint.clip()
             self._style_edges()
 
     def set_callback(self, callback):
         """Sets the function that draws the panels in each frame; None removes it."""
         self.callback = callback
         ps.set_user_callback(callback)
-        self.viewpoint.clip()
         self._style_edges()
 
     def pick(self, body, point=None):
@@ -330,10 +328,7 @@ class SceneView:
 
     def body_at(self, pixel):
         """Returns body and point (3,) at a pixel (x, y) of the window, or (None, None)."""
-        # outside the clipped box, what Polyscope reads would be left from earlier, of other bodies
-        self.viewpoint.clip(False)
         hit = ps.pick(screen_coords=pixel)
-        self.viewpoint.clip()
         if not hit.is_hit or hit.structure_name != "bodies":
             return None, None
         return int(self.surface.bodyOfFace[hit.structure_data["index"]]), hit.position
