@@ -12,7 +12,6 @@ import numpy as np
 import polyscope as ps
 import polyscope.imgui as psim
 
-from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.backends import fit_window
 from rbs.pictures.capture import start_view
@@ -77,13 +76,12 @@ class Box(NamedTuple):
     height: int
 
 
-def show_window(simulation, backend, opener, pictureOptions=None):
+def show_window(simulation, backend, opener, options):
     """Opens the window on a SceneSimulation or a Replay. Returns when it is closed, and prints the
     files that were written.
 
-    backend : see `start_view`; opener : SceneOpener; pictureOptions : PictureOptions, or None
+    backend : see `start_view`; opener : SceneOpener; options : PictureOptions
     """
-    options = pictureOptions or PictureOptions()
     view = start_view(simulation, backend, options)
     viewer = Viewer(simulation, view, opener)
     panel = Panel(viewer)
@@ -150,16 +148,12 @@ class Panel:
         """Polyscope's callback for files dropped onto the window. Only the last one is opened."""
         self._dropped = paths[-1]
 
+    @interrupts_held()  # Polyscope drops what is raised while it converts ImGui's names
     def frame(self):
         """Polyscope's callback for each frame: keys, panels, and the steps that are due.
 
-        An error in one of these becomes a message; the others go on. Ctrl-C acts after them, since
-        Polyscope drops what is raised while it converts ImGui's names.
+        An error in one of these becomes a message; the others go on.
         """
-        with interrupts_held():
-            self._make_frame()
-
-    def _make_frame(self):
         now, viewer = time.perf_counter(), self.viewer
         elapsed, self._lastFrame = now - self._lastFrame, now
         for part in (
