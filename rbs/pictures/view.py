@@ -53,8 +53,8 @@ SHOT_BEGIN = 0.4
 SHADOW_HEIGHT = 1e-3
 # Surfaces that are seen only with a ground.
 FLOOR = "terrain", "shadows"
-# Metres: a coordinate beyond all that the camera sees, and the radius of lines there.
-OUT_OF_SIGHT, LEAST_RADIUS = -1e9, 1e-6
+# Metres: the radius of lines behind the camera.
+LEAST_RADIUS = 1e-6
 
 
 def start_polyscope(backend, size=PICTURE_SIZE):
@@ -138,8 +138,7 @@ class SceneView:
         darkness = self._floorShadows.darkness[:, None]
         colours = GROUND_COLOUR + darkness * (SHADOW_COLOUR - GROUND_COLOUR)
         self._shadows.add_color_quantity("darkness", colours, defined_on="vertices", enabled=True)
-        self.vertices, self._isPainted = vertices, False
-        self.poses = self._colours = None
+        self.vertices, self.poses, self._colours = vertices, None, None
 
     def _style_edges(self):
         isMoving = self.callback is not None and not self.isSmooth
@@ -261,11 +260,7 @@ class SceneView:
         if self._colours is not None and np.array_equal(colours, self._colours):
             return
         self._colours, light = colours, self.surface.lit(colours)
-        if self._isPainted:
-            self._bodies.get_quantity_buffer("colour", "colors").update_data(light)
-        else:
-            self._bodies.add_color_quantity("colour", light, defined_on="vertices", enabled=True)
-            self._isPainted = True
+        self._bodies.add_color_quantity("colour", light, defined_on="vertices", enabled=True)
 
     def legend(self):
         """Returns the legend of colours and arrows: rows (text, (r, g, b))."""
@@ -391,26 +386,17 @@ class SceneLines:
         """Draws lines between nodes (n, 3), edges (m, 2), replacing those of this name.
 
         colour : of all, or (m, 3); width : in pixels, which takes effect with `resize`
-
-        Registering lines takes much longer than moving them. Their number is therefore rounded up
-        to a power of two, so that it rarely changes; the surplus ones lie out of sight.
         """
         if not len(edges):
             self.remove(name)
             return
+        ends = nodes[edges.ravel()]
+        pairs = np.arange(len(ends)).reshape(-1, 2)
+        lines = ps.register_curve_network(name, ends, pairs, material="flat")
         colour = np.broadcast_to(colour, (len(edges), 3))
-        spare = (1 << (len(edges) - 1).bit_length()) - len(edges)
-        ends = np.pad(nodes[edges.ravel()], ((0, 2 * spare), (0, 0)), constant_values=OUT_OF_SIGHT)
-        if not ps.has_curve_network(name) or ps.get_curve_network(name).n_nodes() != len(ends):
-            pairs = np.arange(len(ends)).reshape(-1, 2)
-            lines = ps.register_curve_network(name, ends, pairs, material="flat")
-            lines.add_color_quantity("colour", np.zeros((len(pairs), 3)), "edges", enabled=True)
-            lines.add_scalar_quantity("radius", np.zeros(len(ends)))
-            lines.set_node_radius_quantity("radius", autoscale=False)
-        lines = ps.get_curve_network(name)
-        lines.update_node_positions(ends)
-        colour = np.pad(colour, ((0, spare), (0, 0)))
-        lines.get_quantity_buffer("colour", "colors").update_data(colour)
+        lines.add_color_quantity("colour", colour, "edges", enabled=True)
+        lines.add_scalar_quantity("radius", np.zeros(len(ends)))
+        lines.set_node_radius_quantity("radius", autoscale=False)
         self._drawn[name], self._seenFrom = (ends, width), None
 
     def remove(self, name):
@@ -428,6 +414,5 @@ class SceneLines:
         scale = 0.5 * max(1.0, height / USUAL_HEIGHT) * camera.pixel_angle((0, height))
         for name, (ends, width) in self._drawn.items():
             radii = np.maximum(width * scale * camera.depths(ends), LEAST_RADIUS)
-            radii[ends[:, 0] == OUT_OF_SIGHT] = LEAST_RADIUS
             values = ps.get_curve_network(name).get_quantity_buffer("radius", "values")
             values.update_data(radii.astype(np.float32))
