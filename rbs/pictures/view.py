@@ -12,18 +12,8 @@ import polyscope as ps
 from scipy.spatial import ConvexHull
 
 from Quaternion import QConj, QRotate
+from rbs.appearance import colours
 from rbs.appearance.camera import PICTURE_SIZE, USUAL_HEIGHT
-from rbs.appearance.colours import (
-    BACKGROUND,
-    BOX_COLOUR,
-    CREASE_COLOUR,
-    GROUND_COLOUR,
-    MARK_COLOUR,
-    PICKED_COLOUR,
-    REPORT_COLOURINGS,
-    SHADOW_COLOUR,
-    BodyColours,
-)
 from rbs.appearance.drawables import Arrows, ConstraintLines, ground_lines
 from rbs.appearance.pixels import draw_arrows, draw_dot, draw_lines
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
@@ -69,7 +59,7 @@ def start_polyscope(backend, size=PICTURE_SIZE):
     ps.set_build_default_gui_panels(False)
     ps.set_open_imgui_window_for_user_callback(False)
     ps.set_ground_plane_mode("none")  # that of `SceneView` is faster
-    ps.set_background_color(BACKGROUND)
+    ps.set_background_color(colours.BACKGROUND)
     # more has no effect off-screen; see rbs/pictures/capture.py and rbs/window/panel.py
     ps.set_SSAA_factor(1)
 
@@ -108,7 +98,7 @@ class SceneView:
         ps.set_length_scale(self.size)
         ps.set_bounding_box(low, high)
         go_beside(simulation)
-        self.bodyColours, self._colourIndex = BodyColours(simulation.meshes), {}
+        self.bodyColours, self._colourIndex = colours.BodyColours(simulation.meshes), {}
         self._register_bodies()
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes()), axis=1))
         self.overlays.restart(self.size, bodySize)
@@ -136,14 +126,14 @@ class SceneView:
         shadows = "shadows", places, self._floorShadows.faces
         self._shadows = ps.register_surface_mesh(*shadows, **CLOSED)
         darkness = self._floorShadows.darkness[:, None]
-        colours = GROUND_COLOUR + darkness * (SHADOW_COLOUR - GROUND_COLOUR)
-        self._shadows.add_color_quantity("darkness", colours, defined_on="vertices", enabled=True)
+        shades = colours.GROUND_COLOUR + darkness * (colours.SHADOW_COLOUR - colours.GROUND_COLOUR)
+        self._shadows.add_color_quantity("darkness", shades, defined_on="vertices", enabled=True)
         self.vertices, self.poses, self._colours = vertices, None, None
 
     def _style_edges(self):
         isMoving = self.callback is not None and not self.isSmooth
         self._bodies.set_edge_width(MOVING_WIDTH if isMoving else CREASE_WIDTH)
-        self._bodies.set_edge_color(MOVING_COLOUR if isMoving else CREASE_COLOUR)
+        self._bodies.set_edge_color(MOVING_COLOUR if isMoving else colours.CREASE_COLOUR)
 
     def _shown_bodies(self):
         bodies = [(mesh, len(mesh.origVertices)) for mesh in self.simulation.meshes]
@@ -181,9 +171,9 @@ class SceneView:
         self.groundPlace = tuple(middle), size
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self.size - distance, 2.0 * self.size))
-        vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
+        vertices, faces, shades, self.squareSide = ground_lines(size, middle, reach)
         ground = ps.register_surface_mesh("terrain", vertices, faces, material="flat")
-        ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
+        ground.add_color_quantity("lines", shades, defined_on="vertices", enabled=True)
 
     def refresh(self):
         """Draws everything in its present state from the next frame on."""
@@ -243,12 +233,12 @@ class SceneView:
     @property
     def showsReport(self):
         """Whether the picture shows something of the last step's report."""
-        return self.overlays.needContacts or self.colouring in REPORT_COLOURINGS
+        return self.overlays.needContacts or self.colouring in colours.REPORT_COLOURINGS
 
     def body_colours(self):
         """RGB of every body, (n, 3), in the current colouring."""
-        colours = self.bodyColours.of(self.simulation, self.colouring)
-        return colours if self.highlight is None else self.highlight.paled(colours)
+        found = self.bodyColours.of(self.simulation, self.colouring)
+        return found if self.highlight is None else self.highlight.paled(found)
 
     def colour_by(self, colouring):
         """Colours the bodies by a name of COLOURINGS."""
@@ -256,10 +246,10 @@ class SceneView:
         self.refresh()
 
     def _refresh_colours(self):
-        colours = self.body_colours()
-        if self._colours is not None and np.array_equal(colours, self._colours):
+        found = self.body_colours()
+        if self._colours is not None and np.array_equal(found, self._colours):
             return
-        self._colours, light = colours, self.surface.lit(colours)
+        self._colours, light = found, self.surface.lit(found)
         self._bodies.add_color_quantity("colour", light, defined_on="vertices", enabled=True)
 
     def legend(self):
@@ -367,10 +357,10 @@ class SceneView:
             else:
                 draw_lines(ink, begins[one.edges], one.colour)
         bodies = [] if self.highlight is None else self.highlight.bodies
-        outlined = [(body, BOX_COLOUR) for body in bodies]
+        outlined = [(body, colours.BOX_COLOUR) for body in bodies]
         if self.picked is not None:
-            outlined.append((self.picked, PICKED_COLOUR))
-            draw_dot(ink, self.pixels_of(self.picked_point())[0], MARK_COLOUR)
+            outlined.append((self.picked, colours.PICKED_COLOUR))
+            draw_dot(ink, self.pixels_of(self.picked_point())[0], colours.MARK_COLOUR)
         for body, colour in outlined:
             outline = self.outline(body)
             draw_lines(ink, np.stack([outline, np.roll(outline, 1, axis=0)], axis=1), colour)
