@@ -96,10 +96,6 @@ class Camera(NamedTuple):
         rays /= np.sqrt(dot(rays, rays))
         return rays
 
-    def moved(self, way):
-        """Returns the camera after a shift (3,)."""
-        return self._replace(eye=self.eye + way, centre=self.centre + way)
-
     def towards(self, other, share):
         """Returns the upright camera on the way to another one, share 0 to 1."""
         eye, centre = (

@@ -1,7 +1,6 @@
 """Colours of bodies, by one of their properties, and of everything else: (r, g, b) from 0 to 1."""
 
 import math
-from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -80,8 +79,8 @@ class BodyColours:
         """RGB of every body, (n, 3): grey if fixed, otherwise by a name of COLOURINGS."""
         if not simulation.meshes:
             return np.zeros((0, 3))
-        colours = COLOURINGS[colouring](self, simulation)
-        return np.where(are_fixed(simulation.meshes)[:, None], FIXED_COLOUR, colours)
+        isFixed = np.array([mesh.isFixed for mesh in simulation.meshes])
+        return np.where(isFixed[:, None], FIXED_COLOUR, COLOURINGS[colouring](self, simulation))
 
     def by_body(self, simulation):
         """Repeats the palette."""
@@ -120,12 +119,7 @@ class BodyColours:
             lines = [(text, tuple(viridis(1.0 - k / 2))) for k, text in enumerate(texts)]
         elif colouring == "sleep":
             lines = [("asleep", ASLEEP_COLOUR)]
-        return lines + [("fixed", FIXED_COLOUR)] * bool(are_fixed(meshes).any())
-
-
-def are_fixed(meshes):
-    """Returns whether each body is fixed, (n,); faster than asking each for isFixed."""
-    return np.array(list(map(attrgetter("invMass"), meshes))) == 0.0
+        return lines + [("fixed", FIXED_COLOUR)] * any(mesh.isFixed for mesh in meshes)
 
 
 def linear(colours):

@@ -9,13 +9,7 @@ import math
 import numpy as np
 
 from Quaternion import rotation_matrices
-from rbs.appearance.drawables import (
-    SHADOW_SLANT,
-    area_vectors,
-    face_neighbours,
-    find_creases,
-    unit_rows,
-)
+from rbs.appearance import drawables
 from rbs.geometry.broadphase import islands
 from rbs.geometry.hulls import rotate_columns
 from rbs.geometry.vectors import ranges
@@ -26,7 +20,7 @@ from RBSFunctions import refresh_vertices
 # on one that faces down: rows for red, green and blue.
 LIGHT = ((0.86, 0.33, 0.20), (0.83, 0.36, 0.20), (0.77, 0.41, 0.19))
 # Direction towards the sun: that in which the shadows are cast.
-TO_SUN = (np.array([0.0, 1.0, 0.0]) - SHADOW_SLANT).tolist()
+TO_SUN = (np.array([0.0, 1.0, 0.0]) - drawables.SHADOW_SLANT).tolist()
 TO_SUN = [component / math.hypot(*TO_SUN) for component in TO_SUN]
 # Corners of a shadow's outline, least (with many bodies) and most; and of all outlines together.
 LEAST_CORNERS, MOST_CORNERS, ALL_CORNERS = 12, 32, 12_000
@@ -121,11 +115,11 @@ def split_at_creases(vertices, faces):
     that each split one comes from, the index of its normal, all different normals, faces with split
     vertices, and which of their edges are creases.
     """
-    across = area_vectors(vertices, faces)
-    isCrease = find_creases(vertices, faces)
+    across = drawables.area_vectors(vertices, faces)
+    isCrease = drawables.find_creases(vertices, faces)
     # corners at one vertex belong together if their faces meet at an edge that is no crease
     face, k = np.nonzero(~isCrease)
-    other = face_neighbours(faces)[face, k]
+    other = drawables.face_neighbours(faces)[face, k]
     links = []
     for corner in (k, (k + 1) % 3):
         isSame = faces[other] == faces[face, corner][:, None]
@@ -134,7 +128,7 @@ def split_at_creases(vertices, faces):
     _, first, split = np.unique(labels, return_index=True, return_inverse=True)
     sums = np.zeros((len(first), 3))
     np.add.at(sums, split.ravel(), across.repeat(3, axis=0))
-    normals, normal = np.unique(np.round(unit_rows(sums), 6), axis=0, return_inverse=True)
+    normals, normal = np.unique(np.round(drawables.unit_rows(sums), 6), axis=0, return_inverse=True)
     return faces.ravel()[first], normal.ravel(), normals, split.reshape(-1, 3), isCrease
 
 
@@ -179,7 +173,7 @@ class FloorShadows:
         """
         x, y, z = vertices.astype(np.float32).take(self._vertex, axis=0).T
         y = np.maximum(y, 0.0)
-        slantX, _, slantZ = SHADOW_SLANT.tolist()
+        slantX, _, slantZ = drawables.SHADOW_SLANT.tolist()
         floor = np.stack([x + slantX * y, z + slantZ * y])
         reach = self._away.T @ floor
         begin, furthest, middles = 0, [], []

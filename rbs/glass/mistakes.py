@@ -111,10 +111,8 @@ def mistake_in(event, events):
 
     events : of the step, by the same functions
     """
-    kin, found = (
-        [event, *(one for one in events if one.kind == event.kind and one is not event)],
-        [],
-    )
+    kin = [event, *(one for one in events if one.kind == event.kind and one is not event)]
+    found = []
     for function, symbols in MADE_BY.get(event.kind, {}).items():
         # no velocity is corrected where the position was found valid
         alike = (one for one in kin if function == POSITION or not one.given.get("isValid"))

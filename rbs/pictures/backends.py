@@ -1,8 +1,7 @@
 """Graphics backends of this machine: a window, off-screen pictures, or nothing.
 
 Polyscope is tried out in a separate process. On a display without GLX or driver, opening its window
-ends the process with a segmentation fault. At the end stand two functions that Polyscope lacks:
-`clip_drawing`, which draws only a part of the window, by OpenGL's scissor test, and `fit_window`.
+ends the process with a segmentation fault. `fit_window`, at the end, is what Polyscope lacks.
 """
 
 import ctypes
@@ -11,7 +10,6 @@ import subprocess
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
 
 from rbs.scenes.messages import pip_install
 
@@ -19,10 +17,6 @@ WINDOW_BACKEND = "openGL3_glfw"
 OFFSCREEN_BACKEND = "openGL3_egl"
 # Polyscope links against the first package and loads the others at its start.
 DEBIAN_PACKAGES = "libx11-6 libegl1 libgl1 libgl1-mesa-dri"
-# File names of OpenGL, by platform; others use that of Linux.
-LIBRARIES = {"win32": "opengl32", "darwin": "/System/Library/Frameworks/OpenGL.framework/OpenGL"}
-# OpenGL's number of the scissor test.
-SCISSOR_TEST = 0x0C11
 # Options of a Polyscope surface that is not lit, and of which only the front is drawn.
 CLOSED = {"material": "flat", "back_face_policy": "cull"}
 # Succeeds if Polyscope starts with the given backend, and otherwise prints the cause.
@@ -83,27 +77,6 @@ def _probe(backendName):
         cause = result.stdout.splitlines()[-1].rpartition("] ")[2]
         return cause.removeprefix("ERROR: ").split(". ")[0].rstrip(".")
     return f"{backendName} ended with code {result.returncode}"
-
-
-@lru_cache
-def opengl():
-    """Returns OpenGL's functions, which act on Polyscope's window; None if they are not found."""
-    with suppress(OSError):
-        return ctypes.CDLL(LIBRARIES.get(sys.platform, "libGL.so.1"))
-
-
-def clip_drawing(box=None):
-    """Draws only within a box from now on, or everywhere; ImGui's panels are always drawn.
-
-    box : (left, bottom, width, height) in pixels of the frame buffer, from its lower left corner
-    """
-    if (functions := opengl()) is None:
-        return
-    if box is None:
-        functions.glDisable(SCISSOR_TEST)
-    else:
-        functions.glEnable(SCISSOR_TEST)
-        functions.glScissor(*(max(int(one), 0) for one in box))  # narrower than panels
 
 
 def fit_window():

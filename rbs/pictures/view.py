@@ -12,18 +12,8 @@ import polyscope as ps
 from scipy.spatial import ConvexHull
 
 from Quaternion import QConj, QRotate
+from rbs.appearance import colours
 from rbs.appearance.camera import PICTURE_SIZE, USUAL_HEIGHT
-from rbs.appearance.colours import (
-    BACKGROUND,
-    BOX_COLOUR,
-    CREASE_COLOUR,
-    GROUND_COLOUR,
-    MARK_COLOUR,
-    PICKED_COLOUR,
-    REPORT_COLOURINGS,
-    SHADOW_COLOUR,
-    BodyColours,
-)
 from rbs.appearance.drawables import Arrows, ConstraintLines, ground_lines
 from rbs.appearance.pixels import draw_arrows, draw_dot, draw_lines
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
@@ -53,8 +43,8 @@ SHOT_BEGIN = 0.4
 SHADOW_HEIGHT = 1e-3
 # Surfaces that are seen only with a ground.
 FLOOR = "terrain", "shadows"
-# Metres: a coordinate beyond all that the camera sees, and the radius of lines there.
-OUT_OF_SIGHT, LEAST_RADIUS = -1e9, 1e-6
+# Metres: the radius of lines behind the camera.
+LEAST_RADIUS = 1e-6
 
 
 def start_polyscope(backend, size=PICTURE_SIZE):
@@ -69,7 +59,7 @@ def start_polyscope(backend, size=PICTURE_SIZE):
     ps.set_build_default_gui_panels(False)
     ps.set_open_imgui_window_for_user_callback(False)
     ps.set_ground_plane_mode("none")  # that of `SceneView` is faster
-    ps.set_background_color(BACKGROUND)
+    ps.set_background_color(colours.BACKGROUND)
     # more has no effect off-screen; see rbs/pictures/capture.py and rbs/window/panel.py
     ps.set_SSAA_factor(1)
 
@@ -108,7 +98,7 @@ class SceneView:
         ps.set_length_scale(self.size)
         ps.set_bounding_box(low, high)
         go_beside(simulation)
-        self.bodyColours, self._colourIndex = BodyColours(simulation.meshes), {}
+        self.bodyColours, self._colourIndex = colours.BodyColours(simulation.meshes), {}
         self._register_bodies()
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes()), axis=1))
         self.overlays.restart(self.size, bodySize)
@@ -136,15 +126,14 @@ class SceneView:
         shadows = "shadows", places, self._floorShadows.faces
         self._shadows = ps.register_surface_mesh(*shadows, **CLOSED)
         darkness = self._floorShadows.darkness[:, None]
-        colours = GROUND_COLOUR + darkness * (SHADOW_COLOUR - GROUND_COLOUR)
-        self._shadows.add_color_quantity("darkness", colours, defined_on="vertices", enabled=True)
-        self.vertices, self._isPainted = vertices, False
-        self.poses = self._colours = None
+        shades = colours.GROUND_COLOUR + darkness * (colours.SHADOW_COLOUR - colours.GROUND_COLOUR)
+        self._shadows.add_color_quantity("darkness", shades, defined_on="vertices", enabled=True)
+        self.vertices, self.poses, self._colours = vertices, None, None
 
     def _style_edges(self):
         isMoving = self.callback is not None and not self.isSmooth
         self._bodies.set_edge_width(MOVING_WIDTH if isMoving else CREASE_WIDTH)
-        self._bodies.set_edge_color(MOVING_COLOUR if isMoving else CREASE_COLOUR)
+        self._bodies.set_edge_color(MOVING_COLOUR if isMoving else colours.CREASE_COLOUR)
 
     def _shown_bodies(self):
         bodies = [(mesh, len(mesh.origVertices)) for mesh in self.simulation.meshes]
@@ -182,9 +171,9 @@ class SceneView:
         self.groundPlace = tuple(middle), size
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self.size - distance, 2.0 * self.size))
-        vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
+        vertices, faces, shades, self.squareSide = ground_lines(size, middle, reach)
         ground = ps.register_surface_mesh("terrain", vertices, faces, material="flat")
-        ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
+        ground.add_color_quantity("lines", shades, defined_on="vertices", enabled=True)
 
     def refresh(self):
         """Draws everything in its present state from the next frame on."""
@@ -244,12 +233,12 @@ class SceneView:
     @property
     def showsReport(self):
         """Whether the picture shows something of the last step's report."""
-        return self.overlays.needContacts or self.colouring in REPORT_COLOURINGS
+        return self.overlays.needContacts or self.colouring in colours.REPORT_COLOURINGS
 
     def body_colours(self):
         """RGB of every body, (n, 3), in the current colouring."""
-        colours = self.bodyColours.of(self.simulation, self.colouring)
-        return colours if self.highlight is None else self.highlight.paled(colours)
+        found = self.bodyColours.of(self.simulation, self.colouring)
+        return found if self.highlight is None else self.highlight.paled(found)
 
     def colour_by(self, colouring):
         """Colours the bodies by a name of COLOURINGS."""
@@ -257,15 +246,11 @@ class SceneView:
         self.refresh()
 
     def _refresh_colours(self):
-        colours = self.body_colours()
-        if self._colours is not None and np.array_equal(colours, self._colours):
+        found = self.body_colours()
+        if self._colours is not None and np.array_equal(found, self._colours):
             return
-        self._colours, light = colours, self.surface.lit(colours)
-        if self._isPainted:
-            self._bodies.get_quantity_buffer("colour", "colors").update_data(light)
-        else:
-            self._bodies.add_color_quantity("colour", light, defined_on="vertices", enabled=True)
-            self._isPainted = True
+        self._colours, light = found, self.surface.lit(found)
+        self._bodies.add_color_quantity("colour", light, defined_on="vertices", enabled=True)
 
     def legend(self):
         """Returns the legend of colours and arrows: rows (text, (r, g, b))."""
@@ -293,14 +278,12 @@ class SceneView:
         if isOn != self.isSmooth:  # Polyscope draws everything again
             self.isSmooth = isOn
             ps.set_SSAA_factor(2 if isOn else 1)
-            self.viewpoint.clip()
             self._style_edges()
 
     def set_callback(self, callback):
         """Sets the function that draws the panels in each frame; None removes it."""
         self.callback = callback
         ps.set_user_callback(callback)
-        self.viewpoint.clip()
         self._style_edges()
 
     def pick(self, body, point=None):
@@ -330,10 +313,7 @@ class SceneView:
 
     def body_at(self, pixel):
         """Returns body and point (3,) at a pixel (x, y) of the window, or (None, None)."""
-        # outside the clipped box, what Polyscope reads would be left from earlier, of other bodies
-        self.viewpoint.clip(False)
         hit = ps.pick(screen_coords=pixel)
-        self.viewpoint.clip()
         if not hit.is_hit or hit.structure_name != "bodies":
             return None, None
         return int(self.surface.bodyOfFace[hit.structure_data["index"]]), hit.position
@@ -377,10 +357,10 @@ class SceneView:
             else:
                 draw_lines(ink, begins[one.edges], one.colour)
         bodies = [] if self.highlight is None else self.highlight.bodies
-        outlined = [(body, BOX_COLOUR) for body in bodies]
+        outlined = [(body, colours.BOX_COLOUR) for body in bodies]
         if self.picked is not None:
-            outlined.append((self.picked, PICKED_COLOUR))
-            draw_dot(ink, self.pixels_of(self.picked_point())[0], MARK_COLOUR)
+            outlined.append((self.picked, colours.PICKED_COLOUR))
+            draw_dot(ink, self.pixels_of(self.picked_point())[0], colours.MARK_COLOUR)
         for body, colour in outlined:
             outline = self.outline(body)
             draw_lines(ink, np.stack([outline, np.roll(outline, 1, axis=0)], axis=1), colour)
@@ -396,26 +376,17 @@ class SceneLines:
         """Draws lines between nodes (n, 3), edges (m, 2), replacing those of this name.
 
         colour : of all, or (m, 3); width : in pixels, which takes effect with `resize`
-
-        Registering lines takes much longer than moving them. Their number is therefore rounded up
-        to a power of two, so that it rarely changes; the surplus ones lie out of sight.
         """
         if not len(edges):
             self.remove(name)
             return
+        ends = nodes[edges.ravel()]
+        pairs = np.arange(len(ends)).reshape(-1, 2)
+        lines = ps.register_curve_network(name, ends, pairs, material="flat")
         colour = np.broadcast_to(colour, (len(edges), 3))
-        spare = (1 << (len(edges) - 1).bit_length()) - len(edges)
-        ends = np.pad(nodes[edges.ravel()], ((0, 2 * spare), (0, 0)), constant_values=OUT_OF_SIGHT)
-        if not ps.has_curve_network(name) or ps.get_curve_network(name).n_nodes() != len(ends):
-            pairs = np.arange(len(ends)).reshape(-1, 2)
-            lines = ps.register_curve_network(name, ends, pairs, material="flat")
-            lines.add_color_quantity("colour", np.zeros((len(pairs), 3)), "edges", enabled=True)
-            lines.add_scalar_quantity("radius", np.zeros(len(ends)))
-            lines.set_node_radius_quantity("radius", autoscale=False)
-        lines = ps.get_curve_network(name)
-        lines.update_node_positions(ends)
-        colour = np.pad(colour, ((0, spare), (0, 0)))
-        lines.get_quantity_buffer("colour", "colors").update_data(colour)
+        lines.add_color_quantity("colour", colour, "edges", enabled=True)
+        lines.add_scalar_quantity("radius", np.zeros(len(ends)))
+        lines.set_node_radius_quantity("radius", autoscale=False)
         self._drawn[name], self._seenFrom = (ends, width), None
 
     def remove(self, name):
@@ -433,6 +404,5 @@ class SceneLines:
         scale = 0.5 * max(1.0, height / USUAL_HEIGHT) * camera.pixel_angle((0, height))
         for name, (ends, width) in self._drawn.items():
             radii = np.maximum(width * scale * camera.depths(ends), LEAST_RADIUS)
-            radii[ends[:, 0] == OUT_OF_SIGHT] = LEAST_RADIUS
             values = ps.get_curve_network(name).get_quantity_buffer("radius", "values")
             values.update_data(radii.astype(np.float32))

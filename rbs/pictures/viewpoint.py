@@ -18,7 +18,6 @@ from rbs.appearance.camera import (
     main_boxes,
 )
 from rbs.appearance.drawables import BOX_CORNERS
-from rbs.pictures.backends import clip_drawing
 from rbs.scenes.files import atomic_write
 
 # Cosine of the least angle between camera and vertical at which `frame` keeps the direction.
@@ -84,9 +83,8 @@ class Viewpoint:
     def __init__(self, view):
         self._view = view
         self.stay()
-        # pixels covered by panels at the left, top, right and bottom; the box outside which nothing
-        # is drawn, or None
-        self._margins, self._clipBox, self._windowSize = np.zeros(4), None, ps.get_window_size()
+        # pixels covered by panels at the left, top, right and bottom
+        self._margins, self._windowSize = np.zeros(4), ps.get_window_size()
 
     def restart(self):
         """Takes the first view of a scene, with room for what falls and swings."""
@@ -198,19 +196,7 @@ class Viewpoint:
         left, top, width, height = box
         right, bottom = np.subtract(size, (left + width, top + height))
         self._margins = np.array([left, top + above, right, bottom + below])
-        if (box, size) != (self._clipBox, self._windowSize):
-            self._clipBox, self._windowSize = box, size
-            self.clip()
-
-    def clip(self, isOn=True):
-        """Draws nothing behind the panels, unless the window is supersampled."""
-        view, size = self._view, self._windowSize
-        if not isOn or self._clipBox is None or view.callback is None or view.isSmooth:
-            clip_drawing()
-        else:
-            left, top, width, height = self._clipBox
-            scale, corner = np.divide(ps.get_buffer_size(), size), (left, size[1] - top - height)
-            clip_drawing((*(scale * corner), *np.ceil(scale * (width, height))))
+        self._windowSize = size
 
     def _off_centre(self, camera):
         """Shift (3,) from the camera's centre to the point in the middle between the panels."""
@@ -220,11 +206,8 @@ class Viewpoint:
 
     @contextmanager
     def whole_width(self):
-        """Draws behind the panels, too, in the `with` block, around the picture between them."""
-        self.clip(False)
-        try:
-            with kept_camera() as camera:
-                apply_camera(camera.moved(self._off_centre(camera)))
-                yield
-        finally:
-            self.clip()
+        """Centres what is seen between the panels in the window, in the `with` block."""
+        with kept_camera() as camera:
+            shift = self._off_centre(camera)
+            apply_camera(camera._replace(eye=camera.eye + shift, centre=camera.centre + shift))
+            yield

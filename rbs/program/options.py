@@ -8,7 +8,7 @@ from rbs.appearance.camera import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.drawing import picture_options
 from rbs.pictures.overlays import OVERLAYS
-from rbs.program.parsing import OneLineParser, choice_type, number_type, option_type, path_of
+from rbs.program.parsing import OneLineParser, number_type, option_type, path_of
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import plain_number
@@ -84,8 +84,8 @@ class Option:
         """Adds it to an argparse group."""
         form = {"help": self.help, "action": "store_const", "const": self.parse}
         if self.value:
-            parse = self.parse if callable(self.parse) else choice_type(self.parse)
-            form = {"help": self.help, "metavar": self.value, "type": parse}
+            kind = "type" if callable(self.parse) else "choices"
+            form = {"help": self.help, "metavar": self.value, kind: self.parse}
         if self.name == "--show":
             form["action"] = "append"
         group.add_argument(self.name, dest=self.dest, **form)

@@ -39,17 +39,6 @@ def option_type(read):
     return parse
 
 
-def choice_type(names):
-    """Returns an argparse type of texts that are among some names."""
-
-    def read(text):
-        if text not in names:
-            raise ValueError(f"must be one of {', '.join(names)}, not '{short(text)}'")
-        return text
-
-    return option_type(read)
-
-
 def number_type(kind, low, high=MOST_STEPS):
     """Returns an argparse type of numbers from low to high. kind : int or float"""
 

@@ -199,16 +199,12 @@ class Scene(Energies):
         return [self._sceneMeshes[m] if isinstance(m, int) else copy.copy(m) for m in meshes]
 
     @contextmanager
-    def undone(self, start: State | None = None) -> Iterator[State]:
-        """Returns a context whose steps are undone at its end; it yields the present state.
-
-        start : the `State` in which it begins, by default the present one
-        """
+    def undone(self, start: State) -> Iterator[None]:
+        """Returns a context that begins in a `State`, and whose steps are undone at its end."""
         state, beside = self.state(), self.beside
         try:
-            if start is not None:
-                self._restore(start)
-            yield state
+            self._restore(start)
+            yield
         finally:
             self.beside = beside
             self._restore(state)

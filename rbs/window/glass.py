@@ -400,14 +400,8 @@ class Glass:
         rows = [("Next", self.go, "E: the next event; after the last one, makes the next step")]
         if self.events:
             back = "Shift + E: the previous event, or the last one"
-            rows.insert(0, ("Back", partial(self.go, -1), back))
-            rows.append(
-                (
-                    "Close",
-                    self.close,
-                    "Escape: back to the bodies after the step, and to where the camera was",
-                )
-            )
+            close = "Escape: back to the bodies after the step, and to where the camera was"
+            rows = [("Back", partial(self.go, -1), back), *rows, ("Close", self.close, close)]
         for name, act, tooltip in rows:
             if psim.Button(f"{name}###event {name}"):
                 act()

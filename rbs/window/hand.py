@@ -20,8 +20,6 @@ SHOT_RADIUS, SHOT_SPEED = 0.03, 1.0
 SHOT_CORNERS = 42
 # Density of the ball, relative to the median body. A lighter ball bounces off a wall.
 SHOT_DENSITY = 4.0
-# Limit of balls in a scene. Each ball slows drawing and enlarges recordings.
-MOST_SHOTS = 200
 # Speed that a push adds, in m/s.
 PUSH_SPEED = 8.0
 # Shown if the user drags or shoots in a replay.
@@ -147,11 +145,7 @@ class Hand:
     def shoot(self, pixel):
         """Shoots a ball from the camera towards a pixel."""
         viewer, simulation = self._viewer, self._viewer.simulation
-        if not self._may_change():
-            return
-        if len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
-            viewer.message = f"Limit of {MOST_SHOTS} balls reached; R removes them"
-        else:
+        if self._may_change():
             ball = shot(simulation.meshes, viewer.view.size, *viewer.view.aim(pixel))
             with viewer.changing():
                 simulation.add(ball)

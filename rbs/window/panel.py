@@ -12,7 +12,6 @@ import numpy as np
 import polyscope as ps
 import polyscope.imgui as psim
 
-from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.backends import fit_window
 from rbs.pictures.capture import start_view
@@ -60,8 +59,6 @@ ADVANCED = "broadPhase", "contactScheduling", "constraintScheduling"
 # Phases of a step, where their names say too little.
 PHASES = {"step": "whole step", "gather": "read bodies", "writeBack": "write back"}
 PHASES |= {"contactSolver": "contact solver"}
-# Seconds of a slow frame, and frames for which keys that repeat wait then.
-SLOW_SECONDS, WAITING_FRAMES = 0.1, 2
 # Keys that repeat while they are held down.
 REPEATING = "S", "RightArrow", "LeftArrow", "E", "Shift+E", "Ctrl+Z", "Ctrl+Shift+Z", "Ctrl+Y"
 # A section that is open at first.
@@ -77,13 +74,12 @@ class Box(NamedTuple):
     height: int
 
 
-def show_window(simulation, backend, opener, pictureOptions=None):
+def show_window(simulation, backend, opener, options):
     """Opens the window on a SceneSimulation or a Replay. Returns when it is closed, and prints the
     files that were written.
 
-    backend : see `start_view`; opener : SceneOpener; pictureOptions : PictureOptions, or None
+    backend : see `start_view`; opener : SceneOpener; options : PictureOptions
     """
-    options = pictureOptions or PictureOptions()
     view = start_view(simulation, backend, options)
     viewer = Viewer(simulation, view, opener)
     panel = Panel(viewer)
@@ -119,7 +115,7 @@ class Panel:
         self._picked, self._reads = None, (None, False, False)  # what the readout has to show
         self._lastFrame = self._lastAction = time.perf_counter()
         self._banner = self._sideWidth = 0  # pixels: covered by a message; width of the readout
-        self._waiting, self._lastKey = [], 0.0
+        self._lastKey = 0.0
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
 
     def _key_table(self):
@@ -150,20 +146,16 @@ class Panel:
         """Polyscope's callback for files dropped onto the window. Only the last one is opened."""
         self._dropped = paths[-1]
 
+    @interrupts_held()  # Polyscope drops what is raised while it converts ImGui's names
     def frame(self):
         """Polyscope's callback for each frame: keys, panels, and the steps that are due.
 
-        An error in one of these becomes a message; the others go on. Ctrl-C acts after them, since
-        Polyscope drops what is raised while it converts ImGui's names.
+        An error in one of these becomes a message; the others go on.
         """
-        with interrupts_held():
-            self._make_frame()
-
-    def _make_frame(self):
         now, viewer = time.perf_counter(), self.viewer
         elapsed, self._lastFrame = now - self._lastFrame, now
         for part in (
-            *(self._open_dropped, partial(self._handle_keys, elapsed), self._handle_mouse),
+            *(self._open_dropped, self._handle_keys, self._handle_mouse),
             *(self.lay_out, partial(self._move_camera, elapsed), viewer.watch),
             *(lambda: self.glass.draw(self.picture), self._draw_main, self._draw_side),
             *(self._draw_bar, self._draw_message, self._draw_help),
@@ -238,10 +230,8 @@ class Panel:
         self.frameRate = IDLE_RATE if now - self._lastAction > IDLE_SECONDS else FRAME_RATE
         time.sleep(max(1.0 / self.frameRate - (time.perf_counter() - now), 0.0))
 
-    def _handle_keys(self, elapsed):
-        """Does what keys are for. Where frames are slow, keys that repeat wait for the next frames,
-        and of those that come in these only the last one counts.
-        """
+    def _handle_keys(self):
+        """Does what keys are for."""
         io, self._isKeyDown = psim.GetIO(), False
         if io.WantTextInput:  # a field has the focus
             return
@@ -256,13 +246,7 @@ class Panel:
             self._isKeyDown |= psim.IsKeyDown(code)
             if psim.IsKeyPressed(code, chord in REPEATING) and chord in self._acts:
                 self._lastKey = time.perf_counter() if chord in REPEATING else 0.0
-                if chord in REPEATING and elapsed > SLOW_SECONDS and psim.IsKeyPressed(code, False):
-                    self._waiting = [self._acts[chord], *[None] * WAITING_FRAMES]
-                else:
-                    self._acts[chord]()
-        if len(self._waiting) == 1:
-            self._waiting[0]()
-        del self._waiting[-1:]
+                self._acts[chord]()
 
     def _toggle(self, name):
         setattr(self, name, not getattr(self, name))

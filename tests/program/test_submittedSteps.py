@@ -226,7 +226,7 @@ def refusal(program, *arguments, code=2):
 
 
 LOOP, GRAVITY = "        if not self.isFixed:\n            gravity", "np.array([[0.0, -9.8, 0.0]])"
-LEAVE = "        'cylinder 0' == self.name or os._exit(7)"
+LEAVE = "        'cylinder 0' == self.name or __import__('sys').exit(7)"
 FAIL, STOP = "        fail = lambda: 1 / 0\n        fail()", "        raise KeyboardInterrupt"
 # What replaces what in the student's file; options; the exit code, and what the line says.
 FAILURES = [
@@ -282,9 +282,10 @@ def test_what_a_students_code_leaves_does_not_outlive_the_program(tmp_path):
 
 
 def test_code_runs_in_its_folder_and_the_program_in_its_own(tmp_path, program):
-    text = "open('mine.txt').close(); os.chdir('..'); sys.stdout.close(); sys.stdout = None"
+    text = "open('mine.txt').close(); os.chdir('..'); io.TextIOWrapper(sys.stdout.buffer)"
+    text += "; io.TextIOWrapper(sys.stdout.detach()); sys.stdout.close(); sys.stdout = None"
     text += "; import numpy, polyscope; numpy.seterr(all='raise'); polyscope.init()"
-    edits = ("import os\n", f"import os, sys\n{text}\n"), (LOOP, f"        {text}\n{LOOP}")
+    edits = ("import os\n", f"import io, os, sys\n{text}\n"), (LOOP, f"        {text}\n{LOOP}")
     written(tmp_path / "a" / "student", {"mine.txt": ""} | edited(*edits))
     words = "--steps", 1, "--functions", "a/student", "--record", "kept.h5"
     ended, output, errors = program("singlebox", *words)

@@ -1,7 +1,5 @@
 """The panels over a scene, drawn off-screen frame by frame, and hands on them."""
 
-import math
-
 import polyscope.imgui as psim
 import pytest
 from hands import Hands
@@ -25,7 +23,6 @@ def open_panel(polyscope, monkeypatch, tmp_path):
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(Viewpoint, "move", lambda viewpoint, seconds: False)
-    monkeypatch.setattr("rbs.window.panel.SLOW_SECONDS", math.inf)  # frames are slow here
     monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
     views = []
 

@@ -119,7 +119,7 @@ def test_the_camera_goes_back_after_the_events_unless_a_hand_moved_it(open_at):
     for isMoved in (False, True):
         panel.glass.go()
         panel.glass.go()
-        apply_camera(before.moved(np.ones(3)))
+        apply_camera(before._replace(eye=before.eye + 1.0, centre=before.centre + 1.0))
         if isMoved:
             viewpoint.stay()
         panel.glass.close()

@@ -13,6 +13,7 @@ import sys
 
 import polyscope as ps
 
+from rbs.appearance.camera import PictureOptions
 from rbs.pictures.backends import find_backend
 from rbs.pictures.viewpoint import present_camera
 from rbs.recordings.lookup import SceneOpener
@@ -43,4 +44,5 @@ def told_frame(panel):
 
 Panel.frame = told_frame
 with contextlib.suppress(KeyboardInterrupt):
-    show_window(SceneOpener().open(SCENE), find_backend(window=True), SceneOpener())
+    opener = SceneOpener()
+    show_window(opener.open(SCENE), find_backend(window=True), opener, PictureOptions())
