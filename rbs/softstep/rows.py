@@ -140,7 +140,8 @@ class ContactRows:
         parts, total = np.concatenate((-wrench[:3], wrench)), np.zeros((6, len(motion.invMass)))
         np.add.at(total.reshape(-1), self.places, parts.ravel())  # faster than `bincount`
         motion.velocity[:3] += motion.invMass * total[:3]
-        motion.velocity[3:] += mat_vec(motion.invInertia, total[3:])
+        inertia = motion.invInertia.reshape(3, 3, -1)
+        motion.velocity[3:] += np.einsum("ijn,jn->in", inertia, total[3:])
 
     def solved(self, before, speed, bias, softness=None, most=None):
         """Returns the impulses (7, M) after one sweep: λ ← s (λ - m (u + bias)), λ ≥ 0.
@@ -169,19 +170,18 @@ class ContactRows:
 
     def _pressed(self, before, error, softness, most):
         """Normal impulses (4, M); error : (4, M), u + bias"""
-        impulse, left = before.copy(), before - self.mass * error
+        impulse, more = before - self.mass * error, np.empty_like(before)
         if softness is None:
             common = self.isPoint * np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
-            left += self.mutual * common
-            impulse += common
-        for k in range(POINTS):
-            wanted = left[k]
+            impulse += self.mutual * common
+            before = before + common
+        for k, wanted in enumerate(impulse):
+            if k > 0:  # points that have been visited
+                wanted -= np.einsum("jm,jm->m", self.K[:k, k], more[:k])
             if softness is not None:
-                wanted = np.maximum(softness[k] * wanted, wanted - most[k])
-            wanted = np.maximum(wanted, 0.0)
-            more = wanted - impulse[k]
-            impulse[k] = wanted
-            left[k + 1 :] -= self.K[k, k + 1 :] * more  # points that are still to be visited
+                np.maximum(softness[k] * wanted, wanted - most[k], out=wanted)
+            np.maximum(wanted, 0.0, out=wanted)
+            np.subtract(wanted, before[k], out=more[k])
         return impulse
 
     def _limited(self, pressed, friction):
