@@ -73,7 +73,7 @@ class ContactRows:
         """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `spread`
 
         masses : see `split_masses`
-        turning : (6, 6, M), change of the arms in J in a second; None if they do not turn
+        turning : (6, 6, M), change of the arms in J in a substep; None if they do not turn
         """
         self.ends, self.isPoint, self.J, self.limits, self.levers, self.spread = geometry
         self.turning = turning
@@ -119,9 +119,9 @@ class ContactRows:
         given = *given, self.slip[:, POINTS:]
         self._ofSliding = [take(x, self.sliding, -1) for x in given]
 
-    def turn(self, seconds):
+    def turn(self, substeps=1.0):
         """Turns the arms with their bodies."""
-        self.J[3:, :6] += seconds * self.turning
+        self.J[3:, :6] += self.turning if substeps == 1.0 else substeps * self.turning
 
     def speeds(self, motion):
         """Speeds (7, M) of the rows; those of the points are > 0 if separating."""
@@ -302,7 +302,7 @@ def contact_rows(placed, bodies, inverse, frames, motion, mu):
     arms[1] -= (take(frames.position, placed.second, axis=1) - placed.start1)[:, None]
     axes = n[:, None] * isPoint, placed.tangent1[:, None], placed.tangent2[:, None]
     axes, turn = np.concatenate(axes, axis=1), turn_matrix(motion.timeStep * motion.begin[3:])
-    rate = (np.stack(turn) - np.eye(3).reshape(9, 1)) / motion.timeStep
+    rate = (np.stack(turn) - np.eye(3).reshape(9, 1)) * (placed.h / motion.timeStep)
     J, turning = np.zeros((3, 3, 7, placed.count)), np.empty((2, 3, 6, placed.count))
     J[0, :, :6] = axes
     for k, sign in enumerate((-1.0, 1.0)):
