@@ -164,7 +164,7 @@ class _FacetSearch:
         # the same bits as in the comparison of faces, so that a separated pair keeps one
         ofBest = np.maximum(first[best], second[best]).reshape(2, -1)
         bound = np.maximum(np.minimum(np.minimum(*ofBest), depth) + extra, level)
-        bound = np.concatenate((bound, bound)).repeat(self.count)
+        bound = take(np.concatenate((bound, bound)), self.row)
         faces = indices((first <= bound) & (second <= bound))
         row, normal = take(self.row, faces), take(self.normal, faces, axis=1)
         lowest = supports(self.hulls, take(self.other, row), normal)[0]
@@ -185,7 +185,7 @@ class _FacetSearch:
     def _depths_below_faces(self, vertex):
         """Depths (F,) of the vertex (2 P,) of each row's other hull below the row's faces."""
         x = take(self.hulls.vertices, vertex, axis=1) + self.t
-        return self.offset - dot(self.normal, x.repeat(self.count, axis=1))
+        return self.offset - dot(self.normal, take(x, self.row, axis=1))
 
     def _edges_near(self, rows, bound, first, second):
         """Edges of these rows that can span facets with a penetration ≤ bound (P,), and positions
@@ -198,10 +198,9 @@ class _FacetSearch:
         of the one has an end of the other below it.
         """
         own = self.own[rows]
-        count = self.hulls.edgeCount[own]
-        edge = ranges(self.hulls.edgeStart[own], count)[1]
-        faces = take(self.hulls.edgeFaces, edge, axis=1) + self.start[rows].repeat(count)
-        bound = np.concatenate((bound, bound)).repeat(self.count)
+        row, edge = ranges(self.hulls.edgeStart[own], self.hulls.edgeCount[own])
+        faces = take(self.hulls.edgeFaces, edge, axis=1) + take(self.start[rows], row)
+        bound = take(np.concatenate((bound, bound)), self.row)
         # one bit per point
         near = (first <= bound).view(np.uint8)
         near = near | (second <= bound).view(np.uint8) << 1
@@ -222,7 +221,7 @@ class _FacetSearch:
         hulls, half = self.hulls, len(bound)
         row, normals = take(self.row, faces[0]), take(self.normal, faces, axis=1)
         perRow = np.bincount(row, minlength=2 * half)
-        rotation = take(hulls.rotation, self.own, axis=1).repeat(perRow, axis=1)
+        rotation = take(hulls.rotation, take(self.own, row), axis=1)
         vector = vectors.mat_vec(rotation, take(hulls.edges, edge, axis=1))
 
         # all combinations of a pair's edges, a of the first hull and b of the second
@@ -231,9 +230,8 @@ class _FacetSearch:
         first, count = begin[half + pairA], perRow[half + pairA]
         normalsA = normals[..., : len(count)]
         for some in vectors.blocks(np.append(count, 0)):  # at least one
-            length = count[some]
-            a, b = ranges(first[some], length)
-            r = dot(normalsA[..., some].repeat(length, axis=2), take(vector, b, axis=1)[:, None])
+            a, b = ranges(first[some], count[some])
+            r = dot(take(normalsA[..., some], a, axis=2), take(vector, b, axis=1)[:, None])
             kept = indices(r[0] * r[1] < 0)  # excludes most pairs
             a, b, r = take(a, kept) + some.start, take(b, kept), take(r, kept, axis=1)
             s = -dot(take(normals, b, axis=2), take(vector, a, axis=1)[:, None])
@@ -241,7 +239,7 @@ class _FacetSearch:
             found.append([take(x, kept, axis=-1) for x in (a, b, r, s)])
         a, b, r, s = vectors.joined(*found)
 
-        pair, tail = take(row, a), take(hulls.vertexStart, self.own).repeat(perRow)
+        pair, tail = take(row, a), take(hulls.vertexStart, take(self.own, row))
         tail += take(hulls.edgeTail, edge)
         tailA, tailB = (take(hulls.vertices, take(tail, ends), axis=1) for ends in (a, b))
         vectorA, vectorB = take(vector, a, axis=1), take(vector, b, axis=1)

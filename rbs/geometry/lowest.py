@@ -78,13 +78,12 @@ def support_features(hulls, bodies, directions, tolerance):
     return level, np.bincount(take(row, lowest), minlength=len(bodies)), take(column, lowest)
 
 
-def touching_faces(hulls, bodies, outward):
-    """Of the faces at the support point of each body (R,), that which faces the other one most.
+def touching_faces(hulls, vertex, outward):
+    """Of the faces at the support point of each body, that which faces the other one most.
 
-    outward : (3, R), normals of contact, towards the other bodies. Faces elsewhere may be closer to
-    them, but do not contain the deepest point.
+    vertex : (R,), columns of these points; outward : (3, R), normals of contact, towards the other
+    bodies. Faces elsewhere may be closer to them, but do not contain the deepest point.
     """
-    vertex = supports(hulls, bodies, -outward)[1]
     count = take(hulls.vertexFaceCount, vertex)
     row, face = ranges(take(hulls.vertexFaceStart, vertex), count)
     face = take(hulls.vertexFaces, face)
@@ -97,8 +96,8 @@ def _heights(hulls, bodies, directions, cell):
     cellCount, cellStart, vertex = _cells(hulls.distinct)
     count = take(cellCount, cell)
     row, column = ranges(take(cellStart, cell), count)
-    column = take(vertex, column) + take(hulls.vertexStart, bodies).repeat(count)
-    heights = dot(directions.repeat(count, axis=1), take(hulls.vertices, column, axis=1))
+    column = take(vertex, column) + take(take(hulls.vertexStart, bodies), row)
+    heights = dot(take(directions, row, axis=1), take(hulls.vertices, column, axis=1))
     return row, count, column, heights
 
 

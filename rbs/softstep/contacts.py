@@ -92,7 +92,7 @@ class SoftContacts(PlacedManifolds):
         inverse = np.concatenate((bodies.invMass[None], bodies.invInertia))
         inverse[:, motion.moving] = motion.inverse[:, :-1]
         self.system = contact_rows(self, ends, inverse, frames, motion, mu)
-        self.system.turn(0.5 * h)  # arms are those in the middle of the next substep
+        self.system.turn(0.5)  # arms are those in the middle of the next substep
         self.speed = self.system.speeds(motion)
         self.rounding = ROUNDING * np.abs(self.speed[:6]).max(initial=0.0)
         self.closing = self._closing_speeds(motion)
@@ -150,7 +150,8 @@ class SoftContacts(PlacedManifolds):
         invMass : (n + 1,), of all bodies
         """
         ends = np.array((self.first, self.second))
-        heavier, lighter = np.sort(take(invMass, ends), axis=0)  # inverse masses
+        inverse = take(invMass, ends)
+        heavier, lighter = np.minimum(*inverse), np.maximum(*inverse)  # inverse masses
         isUneven = (heavier > 0.0) & (lighter > UNEVEN * heavier)
         if isUneven.any():
             island = islands_of(self.ends, motion.invMass)
@@ -201,7 +202,7 @@ class SoftContacts(PlacedManifolds):
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         push = ANGLE / (self.h * A1) * self.separation
         bias = np.maximum(np.maximum(push, self.pushSpeed), approach)
-        softness = np.where(approach > self.rounding, 1.0, KEPT)
+        softness = np.maximum(approach > self.rounding, KEPT)
         self.measure(motion)
         self._sweep(bias, softness, self.most)
         self.measure(motion)
@@ -214,7 +215,7 @@ class SoftContacts(PlacedManifolds):
         self._sweep(bias)
         self._go_on(motion, self.isUneven, bias)
         self.total += self.impulse
-        self.system.turn(self.h)
+        self.system.turn()
 
     def _sweep(self, bias, softness=None, most=None):
         before = self.impulse
@@ -312,7 +313,7 @@ class SoftContacts(PlacedManifolds):
         share = np.where(isBlow, np.minimum(carried / np.maximum(load, TINY), 1.0), 1.0)
         total = total * share
         self.system.push(motion, (share - 1.0) * self.system.applied)
-        self.system.turn(-self.timeStep)  # to the arms with which points closed
+        self.system.turn(-self.timeStep / self.h)  # to the arms with which points closed
         closing = self.closing
         # Restitution lets a motion last for about 1/(1 - e) bounces, and more exact sweeps bring
         # nothing. A bounce counts for three, since friction answers the normal impulses of a sweep

@@ -203,9 +203,9 @@ def _facing_pairs(frames, first, second, axis):
     separation = frames.reach[pairs.first] + frames.reach[pairs.second] + MARGIN * size
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
     penetration, normal = contact_normals(pairs, separation, approach, FLUSH * radius)
-    pairs.axis = axis[:, near] = normal
+    axis[:, near] = normal
     advance = frames.advances(pairs.first, pairs.second, normal)
-    return pairs.of(indices(penetration >= -advance)), axis
+    return pairs.along(normal).of(indices(penetration >= -advance)), axis
 
 
 def _with_pairs(frames, pairs, valid, ground):
@@ -220,11 +220,13 @@ def _with_pairs(frames, pairs, valid, ground):
     near = indices(isAsked[valid.bodies(frames.count)].any(axis=0))
     known = PlacedManifolds(valid, frames, near)
     asked = slice(known.count, known.count + len(pairs.first))
-    both = (known.first, known.second), (pairs.first, pairs.second), ground[:2]
+    ends = (known.first, known.second), (pairs.first, pairs.second), ground[:2]
     normals = np.concatenate((known.normal, pairs.axis, ground[2]), axis=1)
-    given = np.concatenate(both, axis=1), normals, asked, known.heights()
-    normal, isContact = deferring(frames, *given)
-    tangent = tangents(normal)
+    heights = np.concatenate((known.heights(), -pairs.level[::-1]), axis=1)
+    ends = np.concatenate(ends, axis=1)
+    normal, isContact = deferring(frames, ends, normals, asked, heights)
+    tangent, some = tangents(normal), indices((normal != pairs.axis).any(axis=0))
+    pairs.vertex[:, some] = pairs.of(some).along(take(normal, some, axis=1)).vertex
     row, corners = pair_corners(pairs, normal, tangent)
     kept = indices(isContact[row])
     isMet = np.bincount(row[kept], minlength=len(pairs.first)) > 0

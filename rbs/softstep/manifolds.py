@@ -81,14 +81,14 @@ class Manifolds(SimpleNamespace):
         """
         known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
-        old, anchor = old.rows(take(known, mine)), take(self.anchor1, mine, axis=2)
-        away = norm(anchor[:, :, None] - old.anchor1[:, None])
+        given = old.anchor1, old.impulse, old.normal, old.tangent, old.friction
+        points, impulse, *axes, (along, across, twist) = (take(x, known[mine], -1) for x in given)
+        away = norm(take(self.anchor1, mine, axis=2)[:, :, None] - points[:, None])
         nearest = np.where(take(self.isPoint, mine, axis=1)[:, None], away, np.inf).argmin(axis=0)
-        np.add.at(self.impulse, (nearest, mine), old.impulse)
-        force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
+        np.add.at(self.impulse, (nearest, mine), impulse)
+        force = axes[1] * along + cross(*axes) * across
         normal, tangent = take(self.normal, mine, axis=1), take(self.tangent, mine, axis=1)
-        friction = dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2]
-        self.friction[:, mine] = friction
+        self.friction[:, mine] = dot(force, tangent), dot(force, cross(normal, tangent)), twist
 
 
 NO_MANIFOLDS = Manifolds(
@@ -181,7 +181,7 @@ def contact_normals(pairs, separation, approach, slop):
 
 
 def pair_corners(pairs, normal, tangent):
-    """Returns corners of the overlaps of K near `Pairs`: `(row (Q,), corners (4, Q))`.
+    """Corners of the overlaps of K `Pairs`, with vertices along n: `(row (Q,), corners (4, Q))`.
 
     normal, tangent : (3, K); row : in no order, and without those whose faces do not overlap
     corners : coordinates u and v along the tangent t1 and n × t1, and heights along n on
@@ -192,7 +192,7 @@ def pair_corners(pairs, normal, tangent):
     bodies = np.concatenate((pairs.first, pairs.second))
     origin = np.concatenate((-pairs.t, np.zeros_like(pairs.t)), axis=1)
     outward = np.concatenate((normal, -normal), axis=1)
-    face = touching_faces(hulls, bodies, outward)
+    face = touching_faces(hulls, pairs.vertex[::-1].ravel(), outward)
     row, corner, count = face_corners(hulls, bodies, face)
     corner += take(origin, row, axis=1)
     faces = Polygons(count, dot(corner[:, None], take(frame[:, :2], row, axis=2)))

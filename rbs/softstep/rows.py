@@ -73,7 +73,7 @@ class ContactRows:
         """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `spread`
 
         masses : see `split_masses`
-        turning : (6, 6, M), change of the arms in J in a second; None if they do not turn
+        turning : (6, 6, M), change of the arms in J in a substep; None if they do not turn
         """
         self.ends, self.isPoint, self.J, self.limits, self.levers, self.spread = geometry
         self.turning = turning
@@ -119,9 +119,9 @@ class ContactRows:
         given = *given, self.slip[:, POINTS:]
         self._ofSliding = [take(x, self.sliding, -1) for x in given]
 
-    def turn(self, seconds):
+    def turn(self, substeps=1.0):
         """Turns the arms with their bodies."""
-        self.J[3:, :6] += seconds * self.turning
+        self.J[3:, :6] += self.turning if substeps == 1.0 else substeps * self.turning
 
     def speeds(self, motion):
         """Speeds (7, M) of the rows; those of the points are > 0 if separating."""
@@ -140,7 +140,8 @@ class ContactRows:
         parts, total = np.concatenate((-wrench[:3], wrench)), np.zeros((6, len(motion.invMass)))
         np.add.at(total.reshape(-1), self.places, parts.ravel())  # faster than `bincount`
         motion.velocity[:3] += motion.invMass * total[:3]
-        motion.velocity[3:] += mat_vec(motion.invInertia, total[3:])
+        inertia = motion.invInertia.reshape(3, 3, -1)
+        motion.velocity[3:] += np.einsum("ijn,jn->in", inertia, total[3:])
 
     def solved(self, before, speed, bias, softness=None, most=None):
         """Returns the impulses (7, M) after one sweep: λ ← s (λ - m (u + bias)), λ ≥ 0.
@@ -169,19 +170,18 @@ class ContactRows:
 
     def _pressed(self, before, error, softness, most):
         """Normal impulses (4, M); error : (4, M), u + bias"""
-        impulse, left = before.copy(), before - self.mass * error
+        impulse, more = before - self.mass * error, np.empty_like(before)
         if softness is None:
             common = self.isPoint * np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
-            left += self.mutual * common
-            impulse += common
-        for k in range(POINTS):
-            wanted = left[k]
+            impulse += self.mutual * common
+            before = before + common
+        for k, wanted in enumerate(impulse):
+            if k > 0:  # points that have been visited
+                wanted -= np.einsum("jm,jm->m", self.K[:k, k], more[:k])
             if softness is not None:
-                wanted = np.maximum(softness[k] * wanted, wanted - most[k])
-            wanted = np.maximum(wanted, 0.0)
-            more = wanted - impulse[k]
-            impulse[k] = wanted
-            left[k + 1 :] -= self.K[k, k + 1 :] * more  # points that are still to be visited
+                np.maximum(softness[k] * wanted, wanted - most[k], out=wanted)
+            np.maximum(wanted, 0.0, out=wanted)
+            np.subtract(wanted, before[k], out=more[k])
         return impulse
 
     def _limited(self, pressed, friction):
@@ -302,7 +302,7 @@ def contact_rows(placed, bodies, inverse, frames, motion, mu):
     arms[1] -= (take(frames.position, placed.second, axis=1) - placed.start1)[:, None]
     axes = n[:, None] * isPoint, placed.tangent1[:, None], placed.tangent2[:, None]
     axes, turn = np.concatenate(axes, axis=1), turn_matrix(motion.timeStep * motion.begin[3:])
-    rate = (np.stack(turn) - np.eye(3).reshape(9, 1)) / motion.timeStep
+    rate = (np.stack(turn) - np.eye(3).reshape(9, 1)) * (placed.h / motion.timeStep)
     J, turning = np.zeros((3, 3, 7, placed.count)), np.empty((2, 3, 6, placed.count))
     J[0, :, :6] = axes
     for k, sign in enumerate((-1.0, 1.0)):

@@ -76,17 +76,23 @@ def _in_the_way(frames, ends, normal, body, base, outward, level, depth):
     ends, normal : (2, K), (3, K), of the pairs; body and so on : `_planes`
     """
     count, (own, other) = len(ends[0]), np.concatenate((ends, ends[::-1]), axis=1)
-    row, plane = _equal(own, np.where(np.append(frames.bodies.isFixed, True)[body], -1, body))
+    # the planes along which movable bodies touch, body by body
+    body = np.where(frames.bodies.invMass[body] > 0.0, body, frames.count)
+    number = np.bincount(body)
+    row, place = ranges(take(number.cumsum() - number, own), take(number, own))
+    plane = take(body.argsort(kind="stable"), place)
     j, under, m = take(other, row), take(base, plane), take(outward, plane, axis=1)
     height = dot(m, take(frames.position, j, axis=1) - take(frames.position, under, axis=1))
     height -= take(level, plane)
+    some = indices((height <= 0.0) & (j != under))
+    row, plane, j, under, m, height = (take(x, some, -1) for x in (row, plane, j, under, m, height))
     rise = dot(m, take(frames.glide, j, axis=1) - take(frames.glide, under, axis=1))
     # the support has sunk about as deep under the body as the body into it
     sunk = 2.0 * np.maximum(take(depth, plane), 0.0)
     slack = FLUSH * frames.sizes(take(own, row), j)[1] + sunk - np.maximum(rise, 0.0)
     # the extent of j, at least, seen along m and a normal that leans
     extent = (1.0 - SLANT) * take(frames.thickness, j) - SLANT * take(frames.radius, j)
-    some = indices((height <= np.minimum(slack - extent, 0.0)) & (j != under))
+    some = indices(height <= slack - extent)
     row, plane, j, height, slack = (take(x, some) for x in (row, plane, j, height, slack))
     m, pair, sign = take(m, some, axis=1), row % count, np.where(row < count, 1.0, -1.0)
     # seen along a normal that leans as much, so that a slab that tilts does not rise
@@ -95,12 +101,3 @@ def _in_the_way(frames, ends, normal, body, base, outward, level, depth):
     nearest, farthest = supports(frames.hulls, np.tile(j, 2), directions)[0].reshape(2, -1)
     some = indices(height + nearest - farthest <= slack)
     return take(pair, some), take(plane, some) % (len(level) // 2), take(-sign * m, some, axis=1)
-
-
-def _equal(values, known):
-    """`(row, index)`, (Q,): for each of some values (K,), the indices at which `known` has it."""
-    order = known.argsort(kind="stable")
-    known = known[order]
-    start = known.searchsorted(values)
-    row, index = ranges(start, known.searchsorted(values, side="right") - start)
-    return row, take(order, index)
