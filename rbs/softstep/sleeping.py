@@ -84,8 +84,7 @@ class Sleep(SimpleNamespace):
 def wake(step, frames, state, manifolds, tied, lost, isDisturbed, isBereft):
     """Returns the `Sleep` with which the bodies of a `Step` move.
 
-    state : `SolverState` at the end of the last step; manifolds : of this one; tied : as for
-        `Frames`; lost : see `unloaded`
+    state : `SolverState` of the last step; manifolds : of this one; lost, tied : (2, K), (2, R)
     isDisturbed, isBereft : (n,), bodies that were changed, and that have lost a support
     """
     bodies, sleep, isFree = frames.bodies, state.sleep, ~frames.bodies.isFixed
@@ -107,7 +106,7 @@ def wake(step, frames, state, manifolds, tied, lost, isDisturbed, isBereft):
         force, least = _speeds(bodies, load), STEADY * bodies.fallRate
         isWoken |= isDue & reached(force > least, force, mass, links, least)
         # friction stops what is slower before it has left its place
-        stopped = bodies.fallRate * SLEEP_SECONDS * np.sqrt(STEADY * step.mu)
+        stopped = np.sqrt(STEADY * step.mu) * SLEEP_SECONDS * bodies.fallRate
         least = np.maximum(np.minimum(stopped, slow), GLIDE * bodies.fallRate)
         isDisturbed[tied] = True
         blow = _striking_speeds(step, frames, manifolds, isDisturbed)
@@ -117,11 +116,9 @@ def wake(step, frames, state, manifolds, tied, lost, isDisturbed, isBereft):
 
 
 def _striking_speeds(step, frames, manifolds, isSource):
-    """Speeds (n,) of bodies that move, of which others may receive the momentum in the step: own
-    ones of isSource (n,), and of all, those towards and along what they touch.
-
-    They are the greatest at which points come towards what they meet in the step, or would in one
-    more substep: its last sweep stops them, too. They are relative to what is still, because a body
+    """Speeds (n,) of bodies whose momentum others may receive in the step: own ones of isSource
+    (n,), and of all, the greatest towards and along what they meet in the step and, as its last
+    sweep stops that, too, in one more substep. The former are relative to what is still: a body
     also pushes what the one before it pushes. Slip counts that friction could end before bodies
     fall asleep, if the slower one of two bodies is dragged by more than what holds it.
     """
@@ -141,9 +138,8 @@ def _striking_speeds(step, frames, manifolds, isSource):
     isMet = placed.isPoint & (placed.gap <= way)
     slip = (placed.isPoint * norm(velocity[:, 1] - velocity[:, 0])).max(axis=0)
     slower = np.where(speed[ends[0]] < speed[ends[1]], *ends)
-    drag = np.bincount(slower, load * (slip > 0.0), len(speed))
-    isDragged = take((2.0 * drag > hold) & ~isFixed, slower)
-    friction = isDragged * load * (step.mu * step.substeps * SLEEP_SECONDS / frames.timeStep)
+    isDragged = ~isFixed & (2.0 * np.bincount(slower, load * (slip > 0.0), len(speed)) > hold)
+    friction = isDragged[slower] * load * step.mu * step.substeps * SLEEP_SECONDS / frames.timeStep
     blow = (1.0 + step.CRCoeff) * np.where(isMet, towards, 0.0).max(axis=1)
     blow = np.maximum(blow, np.minimum(friction * take(bodies.invMass, ends), slip))
     speed *= np.append(isSource, False)
