@@ -9,9 +9,8 @@ from outside, if a constraint of it or the scene changes, or if it touches a bod
 changed or is fast. Such a disturbance spreads by one body per step. A whole island wakes at once if
 it loses a support, or rests on something that moves, where it stays awake however slow it is.
 
-Forces and blows reach farther. Bodies that a force could move wake. Those that a blow could make
-fast, if its momentum passed on to them, are on trial: they move in this step with their masses. If
-they still lie at rest at its end, they have not moved; otherwise they stay awake.
+Forces, blows, ties and friction reach farther: all bodies wake that they could move by more than
+counts as no motion, if the momentum passed on to these, and friction then stopped them.
 """
 
 from copy import deepcopy
@@ -32,6 +31,7 @@ SLOW = 0.01
 # it moves a body that was still by the length that counts as no motion. With more, what glides at
 # 1 mm/s falls asleep, and slow pendulums where they turn; with less, piles stay awake.
 STEADY = 4e-4
+GLIDE = 0.5 * STEADY * SLEEP_SECONDS  # times that of gravity: speed of the same length in this time
 
 
 class Sleep(SimpleNamespace):
@@ -62,90 +62,95 @@ class Sleep(SimpleNamespace):
             column[..., number[:-1][isKept]] = getattr(self, name)[..., isKept]
         return sleep
 
-    def settled(self, step, frames, motion, isTried):
-        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep. Of these,
-        those on trial, isTried (n,), are put back to where they were.
-        """
+    def settled(self, step, frames, motion):
+        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep."""
         bodies, timeStep, own = frames.bodies, step.timeStep, motion.bodies
         if not step.sleeping:
             return Sleep.none(bodies)
-        isStill, way = self.isAsleep & ~isTried, self.way + timeStep * bodies.velocity
+        way = self.way + timeStep * bodies.velocity
         mean = bodies.velocity.copy()
         mean[:, own] = motion.displacement[:, : len(own)] / timeStep
-        least = 0.5 * STEADY * bodies.fallRate * SLEEP_SECONDS
         # what glides, or starts to slide, leaves its place; a tremor does not
-        isNear = _speeds(bodies, way) <= least * np.where(isTried, timeStep, SLEEP_SECONDS)
+        isNear = _speeds(bodies, way) <= GLIDE * bodies.fallRate * SLEEP_SECONDS
         speed = np.maximum(_speeds(bodies, bodies.velocity), _speeds(bodies, mean))
-        rests = isStill | (isNear & (speed <= _slow_speeds(bodies)))
+        rests = isNear & (speed <= _slow_speeds(bodies))
         timer = np.where(bodies.isFixed, np.inf, np.where(rests, self.timer + timeStep, 0.0))
         isAsleep = (timer >= SLEEP_SECONDS) & ~bodies.isFixed
         bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)
-        bodies.state[:, :-1] = np.where(isTried & isAsleep, self.state, bodies.state[:, :-1])
         way, state = np.where(rests & ~isAsleep, way, 0.0), bodies.state[:, :-1]
         return Sleep(isAsleep=isAsleep, timer=timer, way=way, state=state)
 
 
-def wake(step, frames, state, manifolds, tied, isDisturbed, isBereft):
-    """`(sleep, isTried (n,))`: the `Sleep` with which the bodies of a `Step` move, and which
-    sleepers are on trial.
+def wake(step, frames, state, manifolds, tied, lost, isDisturbed, isBereft):
+    """Returns the `Sleep` with which the bodies of a `Step` move.
 
-    state : `SolverState` at the end of the last step; manifolds : of this one; tied : as for
-        `Frames`
+    state : `SolverState` of the last step; manifolds : of this one; lost, tied : (2, K), (2, R)
     isDisturbed, isBereft : (n,), bodies that were changed, and that have lost a support
     """
     bodies, sleep, isFree = frames.bodies, state.sleep, ~frames.bodies.isFixed
-    isAsleep = sleep.isAsleep
-    isTried = np.zeros(frames.count, dtype=bool)
     if not step.sleeping:
-        return Sleep.none(bodies), isTried
+        return Sleep.none(bodies)
     links = np.concatenate((manifolds.bodies(frames.count), tied), axis=1)
     carriers = bodies.isFixed & (isDisturbed | bodies.isKinematic)
     isWoken = (isBereft | beside(carriers, links, frames.isGroundMoving)) & isFree
     isWoken = isDisturbed | connected(isWoken, isFree, links)
-    if isAsleep.any():
-        isFast = ~isAsleep & (_speeds(bodies, bodies.velocity) > _slow_speeds(bodies))
-        isWoken |= isAsleep & beside(isDisturbed | isFast, links)
-        lost = _lost_loads(state.manifolds, manifolds, frames.count)
-        isWoken |= isAsleep & np.isin(np.arange(frames.count), lost)
+    # also what would fall asleep in this step, and lose the momentum that it has just received
+    isDue = isFree & (sleep.timer + step.timeStep >= SLEEP_SECONDS)
+    if isDue.any():
+        slow = _slow_speeds(bodies)
+        isFast = ~isDue & (_speeds(bodies, bodies.velocity) > slow)
+        isLeft = np.isin(np.arange(frames.count), lost)
+        isWoken |= isDue & (isLeft | beside(isDisturbed | isFast, links))
         mass = 1.0 / np.where(isFree, bodies.invMass[:-1], np.inf)
         load = bodies.acceleration - np.reshape([*step.gravity, 0.0, 0.0, 0.0], (6, 1))
         force, least = _speeds(bodies, load), STEADY * bodies.fallRate
-        isWoken |= isAsleep & reached(force > least, force, mass, links, least)
-        isAwake = ~isAsleep | isWoken
-        blow = (1.0 + step.CRCoeff) * _striking_speeds(step, frames, manifolds, isAwake)
-        least = _slow_speeds(bodies)
-        isTried = ~isAwake & reached(blow > least, blow, mass, links, least)
+        isWoken |= isDue & reached(force > least, force, mass, links, least)
+        # friction stops what is slower before it has left its place
+        stopped = np.sqrt(STEADY * step.mu) * SLEEP_SECONDS * bodies.fallRate
+        least = np.maximum(np.minimum(stopped, slow), GLIDE * bodies.fallRate)
+        isDisturbed[tied] = True
+        blow = _striking_speeds(step, frames, manifolds, isDisturbed)
+        isWoken |= isDue & reached(blow > least, blow, mass, links, least)
     timer = np.where(isWoken, 0.0, sleep.timer)
-    return Sleep(**vars(sleep) | {"isAsleep": isAsleep & ~isWoken, "timer": timer}), isTried
+    return Sleep(**vars(sleep) | {"isAsleep": sleep.isAsleep & ~isWoken, "timer": timer})
 
 
-def _striking_speeds(step, frames, manifolds, isAwake):
-    """Largest speeds (n,) at which points of bodies that are awake, (n,), come towards what they
-    meet in the step, or would in one more substep: its last sweep stops them, too. They are
-    relative to what is still, because a body also pushes what the one before it pushes. Where
-    friction may change a body's speed by more in the step, it is this change, which is passed on.
+def _striking_speeds(step, frames, manifolds, isSource):
+    """Speeds (n,) of bodies whose momentum others may receive in the step: own ones of isSource
+    (n,), and of all, the greatest towards and along what they meet in the step and, as its last
+    sweep stops that, too, in one more substep. The former are relative to what is still: a body
+    also pushes what the one before it pushes. Slip counts that friction could end before bodies
+    fall asleep, if the slower one of two bodies is dragged by more than what holds it.
     """
-    ends = manifolds.bodies(frames.count)
-    rows = indices(np.append(isAwake, False)[ends].any(axis=0))
-    placed, ends = PlacedManifolds(manifolds, frames, rows), take(ends, rows, axis=1)
+    bodies, ends = frames.bodies, manifolds.bodies(frames.count)
+    isFixed, load = np.append(bodies.isFixed, True), np.add.reduce(manifolds.impulse)
+    speed = np.where(isFixed, -1.0, np.append(_speeds(bodies, bodies.velocity), 0.0))
+    hold = np.bincount(ends.ravel(), np.tile(load, 2), len(speed))
+    rows = indices((speed > 0.0)[ends].any(axis=0))
+    placed, (ends, load) = PlacedManifolds(manifolds, frames, rows), (ends[:, rows], load[rows])
     arms = np.stack((placed.arm, placed.arm - placed.t[:, None]), axis=1)  # (3, 2, 4, M)
     v, w = take(frames.velocity, ends, axis=1)[:, :, None].reshape(2, 3, 2, 1, -1)
     velocity = v + cross(w, arms)
     towards = dot(placed.normal[:, None, None], velocity)
     towards[1] *= -1.0
     seconds = frames.timeStep * (1.0 + 1.0 / step.substeps)
-    way = seconds * (towards[0] + towards[1] + frames.timeStep * frames.bodies.fallRate)
-    isMet, speeds = placed.isPoint & (placed.gap <= way), np.zeros(frames.count + 1)
-    np.maximum.at(speeds, ends, np.where(isMet, towards, 0.0).max(axis=1))
-    friction = step.mu * step.substeps * np.add.reduce(take(manifolds.impulse, rows, 1))
+    way = seconds * (towards[0] + towards[1] + frames.timeStep * bodies.fallRate)
+    isMet = placed.isPoint & (placed.gap <= way)
     slip = (placed.isPoint * norm(velocity[:, 1] - velocity[:, 0])).max(axis=0)
-    np.maximum.at(speeds, ends, np.minimum(friction * take(frames.bodies.invMass, ends), slip))
-    return isAwake * speeds[:-1]
+    slower = np.where(speed[ends[0]] < speed[ends[1]], *ends)
+    isDragged = ~isFixed & (2.0 * np.bincount(slower, load * (slip > 0.0), len(speed)) > hold)
+    friction = isDragged[slower] * load * step.mu * step.substeps * SLEEP_SECONDS / frames.timeStep
+    blow = (1.0 + step.CRCoeff) * np.where(isMet, towards, 0.0).max(axis=1)
+    blow = np.maximum(blow, np.minimum(friction * take(bodies.invMass, ends), slip))
+    speed *= np.append(isSource, False)
+    np.maximum.at(speed, ends, blow)
+    return speed[:-1]
 
 
 def unloaded(step, frames, state, gravity, manifolds, isDisturbed, isBereft):
-    """`(manifolds, isBereft (n,))`: without the loads of what falls in this step, because it has
-    lost what it rested on, and which bodies have lost a contact that carried a load.
+    """`(manifolds, isBereft (n,), lost (2, K))`: without the loads of what falls in this step,
+    because it has lost what it rested on, which bodies have lost a support, and between which there
+    was a contact that carried a load, and is none now.
 
     state : `SolverState`, with the manifolds of the last step; gravity : m/s², along which they
         carried loads; manifolds : of this `Step`
@@ -156,10 +161,11 @@ def unloaded(step, frames, state, gravity, manifolds, isDisturbed, isBereft):
     Otherwise, each body would still press on the next as it falls.
     """
     old, isLeft = state.manifolds, np.append(isBereft, False)
+    isLost = old.impulse.any(axis=0) & (find_sorted(old.key, manifolds.key) < 0)
+    lost = old.bodies(frames.count)[:, isLost]
     if len(old.key) == 0 or not (isBereft | isDisturbed).any():
-        return manifolds, isBereft
-    ends = _lost_loads(old, manifolds, frames.count)
-    isLeft[ends[:, np.append(isDisturbed, False)[ends].any(axis=0)]] = True
+        return manifolds, isBereft, lost
+    isLeft[lost[:, np.append(isDisturbed, False)[lost].any(axis=0)]] = True
 
     isStill, manifolds = np.append(frames.bodies.isFixed, True), deepcopy(manifolds)
     placed = PlacedManifolds(manifolds, frames, np.arange(len(manifolds.key)))
@@ -186,13 +192,7 @@ def unloaded(step, frames, state, gravity, manifolds, isDisturbed, isBereft):
     lift = placed.normal[:, None, rows] * np.maximum(-placed.gap[:, rows], 0.0)
     rotation = take(frames.rotation, placed.second[rows], axis=1)
     manifolds.anchor2[:, :, rows] += vec_mat(lift, rotation[:, None])
-    return manifolds, isLeft[:-1]
-
-
-def _lost_loads(old, manifolds, count):
-    """Bodies (2, K) between which there was a contact that carried a load, and is none now."""
-    isLost = old.impulse.any(axis=0) & (find_sorted(old.key, manifolds.key) < 0)
-    return old.bodies(count)[:, isLost]
+    return manifolds, isLeft[:-1], lost
 
 
 def connected(some, isFree, links):
