@@ -9,8 +9,10 @@ from outside, if a constraint of it or the scene changes, or if it touches a bod
 changed or is fast. Such a disturbance spreads by one body per step. A whole island wakes at once if
 it loses a support, or rests on something that moves, where it stays awake however slow it is.
 
-Forces, blows, ties and friction reach farther: all bodies wake that they could move by more than
-counts as no motion, if the momentum passed on to these, and friction then stopped them.
+Forces, blows, ties and friction reach farther. Bodies that a force could move wake. Those that the
+others could move by more than counts as no motion, if the momentum passed on to them and friction
+then stopped them, are on trial: they move in this step. If they still lie at rest at its end, they
+have not moved; otherwise they stay awake.
 """
 
 from copy import deepcopy
@@ -62,8 +64,10 @@ class Sleep(SimpleNamespace):
             column[..., number[:-1][isKept]] = getattr(self, name)[..., isKept]
         return sleep
 
-    def settled(self, step, frames, motion):
-        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep."""
+    def settled(self, step, frames, motion, isTried):
+        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep. Of these,
+        those on trial, isTried (n,), are put back to where they were.
+        """
         bodies, timeStep, own = frames.bodies, step.timeStep, motion.bodies
         if not step.sleeping:
             return Sleep.none(bodies)
@@ -71,30 +75,34 @@ class Sleep(SimpleNamespace):
         mean = bodies.velocity.copy()
         mean[:, own] = motion.displacement[:, : len(own)] / timeStep
         # what glides, or starts to slide, leaves its place; a tremor does not
-        isNear = _speeds(bodies, way) <= GLIDE * bodies.fallRate * SLEEP_SECONDS
+        seconds = np.where(isTried, timeStep, SLEEP_SECONDS)
+        isNear = _speeds(bodies, way) <= GLIDE * bodies.fallRate * seconds
         speed = np.maximum(_speeds(bodies, bodies.velocity), _speeds(bodies, mean))
         rests = isNear & (speed <= _slow_speeds(bodies))
         timer = np.where(bodies.isFixed, np.inf, np.where(rests, self.timer + timeStep, 0.0))
         isAsleep = (timer >= SLEEP_SECONDS) & ~bodies.isFixed
         bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)
+        bodies.state[:, :-1] = np.where(isTried & isAsleep, self.state, bodies.state[:, :-1])
         way, state = np.where(rests & ~isAsleep, way, 0.0), bodies.state[:, :-1]
         return Sleep(isAsleep=isAsleep, timer=timer, way=way, state=state)
 
 
 def wake(step, frames, state, manifolds, tied, lost, isDisturbed, isBereft):
-    """Returns the `Sleep` with which the bodies of a `Step` move.
+    """`(sleep, isTried (n,))`: the `Sleep` with which the bodies of a `Step` move, and which
+    sleepers are on trial.
 
     state : `SolverState` of the last step; manifolds : of this one; lost, tied : (2, K), (2, R)
     isDisturbed, isBereft : (n,), bodies that were changed, and that have lost a support
     """
     bodies, sleep, isFree = frames.bodies, state.sleep, ~frames.bodies.isFixed
     if not step.sleeping:
-        return Sleep.none(bodies)
+        return Sleep.none(bodies), np.zeros_like(isFree)
     links = np.concatenate((manifolds.bodies(frames.count), tied), axis=1)
     carriers = bodies.isFixed & (isDisturbed | bodies.isKinematic)
     isWoken = (isBereft | beside(carriers, links, frames.isGroundMoving)) & isFree
     isWoken = isDisturbed | connected(isWoken, isFree, links)
     # also what would fall asleep in this step, and lose the momentum that it has just received
+    isTried = np.zeros_like(isFree)
     isDue = isFree & (sleep.timer + step.timeStep >= SLEEP_SECONDS)
     if isDue.any():
         slow = _slow_speeds(bodies)
@@ -108,11 +116,13 @@ def wake(step, frames, state, manifolds, tied, lost, isDisturbed, isBereft):
         # friction stops what is slower before it has left its place
         stopped = np.sqrt(STEADY * step.mu) * SLEEP_SECONDS * bodies.fallRate
         least = np.maximum(np.minimum(stopped, slow), GLIDE * bodies.fallRate)
-        isDisturbed[tied] = True
-        blow = _striking_speeds(step, frames, manifolds, isDisturbed)
-        isWoken |= isDue & reached(blow > least, blow, mass, links, least)
-    timer = np.where(isWoken, 0.0, sleep.timer)
-    return Sleep(**vars(sleep) | {"isAsleep": sleep.isAsleep & ~isWoken, "timer": timer})
+        isSource = isDisturbed.copy()
+        isSource[tied] = True
+        blow = _striking_speeds(step, frames, manifolds, isSource)
+        isHit = isDue & ~isWoken & reached(blow > least, blow, mass, links, least)
+        isTried, isWoken = isHit & sleep.isAsleep, isWoken | (isHit & ~sleep.isAsleep)
+    isAsleep, timer = sleep.isAsleep & ~isWoken & ~isTried, np.where(isWoken, 0.0, sleep.timer)
+    return Sleep(**vars(sleep) | {"isAsleep": isAsleep, "timer": timer}), isTried
 
 
 def _striking_speeds(step, frames, manifolds, isSource):

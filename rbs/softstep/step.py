@@ -5,7 +5,7 @@ in Physics Simulation. SCA 2019). Contacts are implicitly integrated springs and
 and Box2D v3 call this method soft step:
 
     contacts of near pairs, kept and new                             detection
-    lost supports, and bodies that wake                              sleeping
+    lost supports, bodies that wake, and sleepers on trial           sleeping
     each substep of length h:
         gravity, and the impulses of the last substep                contacts
         all constraints solved together, and a pseudo-velocity       softconstraints
@@ -15,7 +15,7 @@ and Box2D v3 call this method soft step:
         both again without the pushes, which are dropped
     blows, plastic and elastic                                       contacts
     a bound on the energy that all this gives                        energies
-    bodies that fall asleep                                          sleeping
+    bodies on trial that stay where they were, and that fall asleep  sleeping
 
 The first sweep goes on while a point would sink far, or on a linked body, faster than gravity makes
 it in a step. Both go on until they converge where masses are uneven, and in a step whose substeps
@@ -64,7 +64,7 @@ def soft_step(step):
         found = detect(step, frames, state, tied)
         given = step, frames, state, lastGravity, found
         manifolds, isBereft, lost = unloaded(*given, isDisturbed, isBereft)
-        sleep = wake(step, frames, state, manifolds, tied, lost, isDisturbed, isBereft)
+        sleep, isTried = wake(step, frames, state, manifolds, tied, lost, isDisturbed, isBereft)
     with report.phase("contactSolver"):
         motion = Motion(frames, sleep.isAsleep, drift)
         distances = SoftConstraints(constraints, state.constraintImpulse, frames, motion, h, ratio)
@@ -75,9 +75,9 @@ def soft_step(step):
         contacts.impact(motion, step.CRCoeff, distances)
     with report.phase("writeBack"):
         motion.store(bodies)
-        state.sleep = sleep.settled(step, frames, motion)
-        isStill = np.append(sleep.isAsleep | bodies.isFixed, True)
-        state.manifolds = contacts.store(manifolds, isStill)
+        state.sleep = sleep.settled(step, frames, motion, isTried)
+        isStill = ((sleep.isAsleep | isTried) & state.sleep.isAsleep) | bodies.isFixed
+        state.manifolds = contacts.store(manifolds, np.append(isStill, True))
         bodies.check("contacts and constraints")
         state.constraintImpulse = distances.impulse
         bodies.write_back()
