@@ -64,13 +64,15 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     normal = take(normal, some, axis=1)  # of what islands rest on
     frame, rests = take(frame, island, axis=1), np.bincount(held, minlength=count) > 0
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
+    isBound, isTied = with_one_of(touching), with_one_of(tied)
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
+    # what constraints push moves, but becomes no faster
+    way = np.where(isTied[island], 0.5 * motion.timeStep * (begin + velocity)[:3], way)
     before, work = 0.5 * products(begin, begin), mass * dot(motion.gravity[:, :-1], way)
     halved = infeasible[infeasible < count]
     before[halved], work[halved] = 0.5 * before[halved], 0.0
     limit, now = total(before + work), _turned(velocity, inertia, turn, isTumbling)
     energy = total(0.5 * products(now, now))
-    isBound, isTied = with_one_of(touching), with_one_of(tied)
     isOver = (isBound & (energy > limit)) | (isTied & ((1.0 - ROUNDED) * energy > limit))
     if not (isOver.any() or isTumbling):
         return share

@@ -14,10 +14,10 @@ from rbs.geometry.lowest import supports
 from rbs.geometry.vectors import dot, indices, ranges, take
 
 # Depth up to which bodies touch, or sink in a substep if another sweep would stop it, and height up
-# to which one does not rise above a support, as a fraction of the lesser radius. Normals differ, and
-# planes lean, by more than the angle at which a radius recedes by as much. With more, low steps stop
-# nothing, balls with many faces stop at seams, and fast heavy bodies press light ones into others;
-# with less, unevenness stops what slides, and sweeps take more time.
+# to which one does not rise above a support, as a fraction of the lesser radius. Normals differ,
+# and planes lean, by more than the angle at which a radius recedes by as much. With more, low steps
+# stop nothing, balls with many faces stop at seams, and fast heavy bodies press light ones into
+# others; with less, unevenness stops what slides, and sweeps take more time.
 FLUSH = 2e-3
 # The angle at which a radius recedes by FLUSH of it, in radians.
 SLANT = np.sqrt(2.0 * FLUSH)

@@ -329,8 +329,10 @@ def slope(engine, degrees, side=1.0, seconds=10.0, mu=0.0, **settings):
     return mesh.position[0, 0]
 
 
-def pendulum(engine, degrees, length, seconds=30.0, side=0.2, spin=(0, 0, 0), **settings):
-    """Energy that a pendulum has at the end, of that at the start. side : of its bob, along x"""
+def hung(degrees, length, side=0.2, spin=(0, 0, 0)):
+    """`(meshes, tie, point, reach)`: an anchor and a bob, the ends of the string between them,
+    where it hangs, and how far from there the bob's centre is. side : of the bob, along x
+    """
     anchor, bob = box(0, 30, 0, isFixed=True), throw(box(0, 0, 0, (side, 0.2, 0.2)), spin=spin)
     corner, tip = farthest(anchor, (-1, -1, -1)), farthest(bob, (1, 1, 1))
     point, arm = anchor.currVertices[corner], bob.origVertices[tip]
@@ -338,11 +340,37 @@ def pendulum(engine, degrees, length, seconds=30.0, side=0.2, spin=(0, 0, 0), **
     bob.orientation = Rotation.align_vectors([string], [arm])[0].as_quat()[None, [3, 0, 1, 2]]
     reach = length + np.linalg.norm(arm)
     bob.position = (point - reach * string)[None]
-    low, tie = point[1] - reach, [[0, corner, 1, tip, length, upper] for upper in (True, False)]
+    return [anchor, bob], [0, corner, 1, tip], point, reach
 
-    settings |= {"watch": lambda: energy([bob]) - bob.mass * G * low, "constraints": tie}
-    _, energies = run(engine, [anchor, bob], seconds, **settings)
+
+def pendulum(engine, degrees, length, seconds=30.0, side=0.2, spin=(0, 0, 0), **settings):
+    """Energy that a pendulum has at the end, of that at the start."""
+    meshes, tie, point, reach = hung(degrees, length, side, spin)
+    low, bob = point[1] - reach, meshes[1]
+    settings["constraints"] = [[*tie, length, upper] for upper in (True, False)]
+    settings["watch"] = lambda: energy([bob]) - bob.mass * G * low
+    _, energies = run(engine, meshes, seconds, **settings)
     return np.mean(energies[-150:]) / np.mean(energies[:150])
+
+
+def hoisted(engine, pull, length=6.0, degrees=30.0, isRigid=False, **settings):
+    """By how much the angle and the speed of a pendulum are off after 2 s, as it is shortened."""
+    meshes, tie, point, reach = hung(degrees, length)
+
+    def act(k, world):
+        now = length - pull * TIME_STEP * (k + 1)
+        world.settings["constraints"] = [
+            [*tie, now, isUpper] for isUpper in (True, False)[: 1 + isRigid]
+        ]
+
+    def rates(t, state):
+        return state[1], (2 * pull * state[1] - G * np.sin(state[0])) / (reach - pull * t)
+
+    angle, turn = solve_ivp(rates, (0, 2.0), (np.radians(degrees), 0.0), rtol=1e-9).y[:, -1]
+    run(engine, meshes, 2.0, act=act, **HANGING, **settings)
+    x, y, _ = meshes[1].position[0] - point
+    due = np.hypot(pull, turn * (reach - 2.0 * pull))
+    return abs(np.arctan2(x, -y) - angle), abs(top_speed(meshes) - due)
 
 
 def stack_falls(engine, sleeping, count=20, how="moved aside"):
@@ -514,6 +542,19 @@ def hit(engine, ratio):
     meshes = [box(), box(0, 2.5, density=ratio)]
     _, lows = run(engine, meshes, 5.0, watch=lambda: meshes[0].currVertices[:, 1].min())
     return -1e3 * lows.min(), -1e3 * lows[-1]
+
+
+def drowsy(engine, density=0.02, speed=1.0):
+    """Least and greatest momentum left of a light cube that hits one at rest after 18, … 31 steps."""
+    momenta = []
+    for k in range(18, 32):
+        meshes = [
+            box(),
+            throw(box(-1.0 - speed * TIME_STEP * (k + 0.5), density=density), (speed, 0, 0)),
+        ]
+        run(engine, meshes, 1.0, mu=0.0)
+        momenta.append(sum(mesh.mass * mesh.linVelocity[0, 0] for mesh in meshes) / density / speed)
+    return min(momenta), max(momenta)
 
 
 def chain(engine, count=20, ratio=1000.0):
