@@ -545,7 +545,7 @@ def hit(engine, ratio):
 
 
 def drowsy(engine, density=0.02, speed=1.0):
-    """Least and greatest momentum left of a light cube that hits one at rest after 18, … 31 steps."""
+    """Least, greatest momentum left of a light cube that hits one at rest after 18, … 31 steps."""
     momenta = []
     for k in range(18, 32):
         meshes = [
