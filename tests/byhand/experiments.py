@@ -422,9 +422,9 @@ def row_rolled_at(count):
     return [ball, *(box(k) for k in range(count))], lambda ball: throw(ball, (3, 0, 0), (0, 0, -6))
 
 
-def row_pushed(count):
+def row_pushed(count, acceleration=0.5):
     meshes = [box(k) for k in range(count)]
-    load = (0.5 * count * meshes[0].mass, *np.zeros(5))
+    load = (acceleration * count * meshes[0].mass, *np.zeros(5))
     return meshes, lambda mesh: setattr(mesh, "load", load)
 
 
