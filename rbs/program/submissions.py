@@ -135,15 +135,26 @@ class _Stream:
 
 @contextmanager
 def at_home(folder):
-    """Lets a student's code run in its folder; restores ours, the streams and NumPy's errors."""
-    before, streams = os.getcwd(), {name: getattr(sys, name) for name in STREAMS}
+    """Lets a student's code run in its folder, and then restores the process's working folder,
+    streams and NumPy errors. Meanwhile, `os._exit` raises SystemExit.
+    """
+    before, leave, process = os.getcwd(), os._exit, os.getpid()
+    streams = {name: getattr(sys, name) for name in STREAMS}
+
+    def leave_code(code):
+        if os.getpid() == process:  # not one that it has forked
+            raise SystemExit(code)
+        leave(code)
+
     try:
         os.chdir(folder)
+        os._exit = leave_code
         for name, stream in streams.items():
             setattr(sys, name, stream and _Stream(stream))
         with np.errstate():
             yield
     finally:
+        os._exit = leave
         vars(sys).update(streams)
         os.chdir(before)
 

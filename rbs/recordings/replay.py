@@ -27,6 +27,9 @@ from rbs.stepping.settings import Settings
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
 
+# Settings that no longer exist, with the value that old recordings may give them.
+GONE = (("closingOnly", False),)
+
 
 class RecordedSettings(Settings):
     """Settings of a recorded step, which cannot be changed."""
@@ -269,6 +272,6 @@ def restored_settings(recording, step):
     """Returns the settings of a recorded step. Raises RecordingError if they are invalid."""
     _, fields = recording.settings_at(step)
     try:
-        return Settings(**fields)
+        return Settings(**{name: one for name, one in fields.items() if (name, one) not in GONE})
     except (TypeError, ValueError) as error:
         raise recording.error(f"step {step}: {error}") from None

@@ -273,7 +273,8 @@ class BodySource(SceneSource):
             shape = self.shapes[row["shape"]]
             state = row["density"], row["position"], row["orientation"], row["isFixed"]
             mesh = Mesh(row["name"], *shape, *state)
-            set_inertia(mesh, row["inertia"])
+            if "inertia" in row:  # unless an earlier version recorded it
+                set_inertia(mesh, row["inertia"])
             if row["load"] is not None:
                 mesh.set_force(*row["load"])
             for name in ("linVelocity", "angVelocity"):

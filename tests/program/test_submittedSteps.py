@@ -226,7 +226,7 @@ def refusal(program, *arguments, code=2):
 
 
 LOOP, GRAVITY = "        if not self.isFixed:\n            gravity", "np.array([[0.0, -9.8, 0.0]])"
-LEAVE = "        'cylinder 0' == self.name or __import__('sys').exit(7)"
+LEAVE = "        'cylinder 0' == self.name or os._exit(7)"
 FAIL, STOP = "        fail = lambda: 1 / 0\n        fail()", "        raise KeyboardInterrupt"
 # What replaces what in the student's file; options; the exit code, and what the line says.
 FAILURES = [
