@@ -9,10 +9,10 @@ from outside, if a constraint of it or the scene changes, or if it touches a bod
 changed or is fast. Such a disturbance spreads by one body per step. A whole island wakes at once if
 it loses a support, or rests on something that moves, where it stays awake however slow it is.
 
-Forces, blows, ties and friction reach farther. Bodies that a force could move wake. Those that the
-others could move by more than counts as no motion, if the momentum passed on to them and friction
-then stopped them, are on trial: they move in this step. If they still lie at rest at its end, they
-have not moved; otherwise they stay awake.
+Forces, blows, ties and friction reach farther. Bodies that a force could move wake. Those that
+blows, ties or friction could move visibly, before friction stopped them again, are on trial: they
+move in this step. If they still lie at rest at its end, they have not moved; otherwise they stay
+awake.
 """
 
 from copy import deepcopy
@@ -33,7 +33,8 @@ SLOW = 0.01
 # it moves a body that was still by the length that counts as no motion. With more, what glides at
 # 1 mm/s falls asleep, and slow pendulums where they turn; with less, piles stay awake.
 STEADY = 4e-4
-GLIDE = 0.5 * STEADY * SLEEP_SECONDS  # times that of gravity: speed of the same length in this time
+# Seconds: this, times the acceleration of gravity, is the speed that leads as far in that time.
+GLIDE = 0.5 * STEADY * SLEEP_SECONDS
 
 
 class Sleep(SimpleNamespace):
@@ -91,18 +92,19 @@ def wake(step, frames, state, manifolds, tied, lost, isDisturbed, isBereft):
     """`(sleep, isTried (n,))`: the `Sleep` with which the bodies of a `Step` move, and which
     sleepers are on trial.
 
-    state : `SolverState` of the last step; manifolds : of this one; lost, tied : (2, K), (2, R)
+    state : `SolverState` of the last step; manifolds : of this one; tied : as for `Frames`
+    lost : (2, K), see `unloaded`
     isDisturbed, isBereft : (n,), bodies that were changed, and that have lost a support
     """
     bodies, sleep, isFree = frames.bodies, state.sleep, ~frames.bodies.isFixed
+    isTried = np.zeros_like(isFree)
     if not step.sleeping:
-        return Sleep.none(bodies), np.zeros_like(isFree)
+        return Sleep.none(bodies), isTried
     links = np.concatenate((manifolds.bodies(frames.count), tied), axis=1)
     carriers = bodies.isFixed & (isDisturbed | bodies.isKinematic)
     isWoken = (isBereft | beside(carriers, links, frames.isGroundMoving)) & isFree
     isWoken = isDisturbed | connected(isWoken, isFree, links)
     # also what would fall asleep in this step, and lose the momentum that it has just received
-    isTried = np.zeros_like(isFree)
     isDue = isFree & (sleep.timer + step.timeStep >= SLEEP_SECONDS)
     if isDue.any():
         slow = _slow_speeds(bodies)

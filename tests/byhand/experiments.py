@@ -353,21 +353,20 @@ def pendulum(engine, degrees, length, seconds=30.0, side=0.2, spin=(0, 0, 0), **
     return np.mean(energies[-150:]) / np.mean(energies[:150])
 
 
-def hoisted(engine, pull, length=6.0, degrees=30.0, isRigid=False, **settings):
+def hoisted(engine, pull, isRigid=False):
     """By how much the angle and the speed of a pendulum are off after 2 s, as it is shortened."""
-    meshes, tie, point, reach = hung(degrees, length)
+    meshes, tie, point, reach = hung(30.0, 6.0)
 
     def act(k, world):
-        now = length - pull * TIME_STEP * (k + 1)
-        world.settings["constraints"] = [
-            [*tie, now, isUpper] for isUpper in (True, False)[: 1 + isRigid]
-        ]
+        length = 6.0 - pull * TIME_STEP * (k + 1)
+        bounds = (True, False) if isRigid else (True,)
+        world.settings["constraints"] = [[*tie, length, isUpper] for isUpper in bounds]
 
     def rates(t, state):
         return state[1], (2 * pull * state[1] - G * np.sin(state[0])) / (reach - pull * t)
 
-    angle, turn = solve_ivp(rates, (0, 2.0), (np.radians(degrees), 0.0), rtol=1e-9).y[:, -1]
-    run(engine, meshes, 2.0, act=act, **HANGING, **settings)
+    angle, turn = solve_ivp(rates, (0, 2.0), (np.pi / 6, 0.0), rtol=1e-9).y[:, -1]
+    run(engine, meshes, 2.0, act=act, **HANGING)
     x, y, _ = meshes[1].position[0] - point
     due = np.hypot(pull, turn * (reach - 2.0 * pull))
     return abs(np.arctan2(x, -y) - angle), abs(top_speed(meshes) - due)
@@ -544,16 +543,14 @@ def hit(engine, ratio):
     return -1e3 * lows.min(), -1e3 * lows[-1]
 
 
-def drowsy(engine, density=0.02, speed=1.0):
+def drowsy(engine):
     """Least, greatest momentum left of a light cube that hits one at rest after 18, … 31 steps."""
     momenta = []
     for k in range(18, 32):
-        meshes = [
-            box(),
-            throw(box(-1.0 - speed * TIME_STEP * (k + 0.5), density=density), (speed, 0, 0)),
-        ]
+        light = throw(box(-1.0 - TIME_STEP * (k + 0.5), density=0.02), (1, 0, 0))
+        meshes = [box(), light]
         run(engine, meshes, 1.0, mu=0.0)
-        momenta.append(sum(mesh.mass * mesh.linVelocity[0, 0] for mesh in meshes) / density / speed)
+        momenta.append(sum(mesh.mass * mesh.linVelocity[0, 0] for mesh in meshes) / light.mass)
     return min(momenta), max(momenta)
 
 

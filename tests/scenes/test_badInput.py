@@ -100,7 +100,7 @@ OPTIONS = [
     ("-friction 0.5", "did you mean --friction?"),
     ("--restitution 0,5", "not '0,5'"),
     ("--gravity 0,-9,8,0", "not '0,-9,8,0'"),
-    ("--colours red --screenshots p", "--colours: invalid choice: 'red'"),
+    ("--colours red --screenshots p", "--colours: invalid choice: 'red' (choose from "),
 ]
 
 
