@@ -549,7 +549,7 @@ def drowsy(engine):
     for k in range(18, 32):
         light = throw(box(-1.0 - TIME_STEP * (k + 0.5), density=0.02), (1, 0, 0))
         meshes = [box(), light]
-        run(engine, meshes, 1.0, mu=0.0)
+        run(engine, meshes, TIME_STEP * (k + 4), mu=0.0)
         momenta.append(sum(mesh.mass * mesh.linVelocity[0, 0] for mesh in meshes) / light.mass)
     return min(momenta), max(momenta)
 
