@@ -129,17 +129,15 @@ def wake(step, frames, state, manifolds, tied, lost, isDisturbed, isBereft):
 
 def _striking_speeds(step, frames, manifolds, isSource):
     """Speeds (n,) of bodies whose momentum others may receive in the step: own ones of isSource
-    (n,), and of all, the greatest towards and along what they meet in the step and, as its last
+    (n,), and of all, the greatest towards what they meet in the step and, as its last
     sweep stops that, too, in one more substep. The former are relative to what is still: a body
-    also pushes what the one before it pushes. Slip counts that friction could end before bodies
-    fall asleep, if the slower one of two bodies is dragged by more than what holds it.
+    also pushes what the one before it pushes.
     """
     bodies, ends = frames.bodies, manifolds.bodies(frames.count)
-    isFixed, load = np.append(bodies.isFixed, True), np.add.reduce(manifolds.impulse)
+    isFixed = np.append(bodies.isFixed, True)
     speed = np.where(isFixed, -1.0, np.append(_speeds(bodies, bodies.velocity), 0.0))
-    hold = np.bincount(ends.ravel(), np.tile(load, 2), len(speed))
     rows = indices((speed > 0.0)[ends].any(axis=0))
-    placed, (ends, load) = PlacedManifolds(manifolds, frames, rows), (ends[:, rows], load[rows])
+    placed, ends = PlacedManifolds(manifolds, frames, rows), ends[:, rows]
     arms = np.stack((placed.arm, placed.arm - placed.t[:, None]), axis=1)  # (3, 2, 4, M)
     v, w = take(frames.velocity, ends, axis=1)[:, :, None].reshape(2, 3, 2, 1, -1)
     velocity = v + cross(w, arms)
@@ -148,12 +146,7 @@ def _striking_speeds(step, frames, manifolds, isSource):
     seconds = frames.timeStep * (1.0 + 1.0 / step.substeps)
     way = seconds * (towards[0] + towards[1] + frames.timeStep * bodies.fallRate)
     isMet = placed.isPoint & (placed.gap <= way)
-    slip = (placed.isPoint * norm(velocity[:, 1] - velocity[:, 0])).max(axis=0)
-    slower = np.where(speed[ends[0]] < speed[ends[1]], *ends)
-    isDragged = ~isFixed & (2.0 * np.bincount(slower, load * (slip > 0.0), len(speed)) > hold)
-    friction = isDragged[slower] * load * step.mu * step.substeps * SLEEP_SECONDS / frames.timeStep
     blow = (1.0 + step.CRCoeff) * np.where(isMet, towards, 0.0).max(axis=1)
-    blow = np.maximum(blow, np.minimum(friction * take(bodies.invMass, ends), slip))
     speed *= np.append(isSource, False)
     np.maximum.at(speed, ends, blow)
     return speed[:-1]
