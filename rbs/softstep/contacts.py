@@ -233,8 +233,7 @@ class SoftContacts(PlacedManifolds):
         """Goes on with the manifolds isPart (M,) until their errors are within `tolerance`."""
         if not isPart.any():
             return
-        part = PartRows(self.system, isPart, self.isPoint, motion)
-        part.let_slide(take(self.system.leastSlip, part.some))
+        part = PartRows(self.system, isPart, self.isPoint, motion, self.system.leastSlip)
         self.apply(motion)
         self.impulse = part.converged(motion, self.impulse, self.tolerance, *terms)
         self.system.applied[:, part.some] += part.applied
@@ -337,7 +336,7 @@ class SoftContacts(PlacedManifolds):
         isActive : (4, M), points whose impulses may change
         """
         tolerance = TOLERANCE * np.maximum(-bias.min(initial=0.0), self.fallSpeed)
-        part = PartRows(self.system, isPart, isActive, motion)
+        part = PartRows(self.system, isPart, isActive, motion, np.zeros(self.count))
         return part.converged(motion, total, tolerance, bias, sweeps=sweeps)
 
     def store(self, manifolds, isStill):

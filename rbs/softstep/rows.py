@@ -75,25 +75,29 @@ class ContactRows:
         masses : see `split_masses`
         turning : (6, 6, M), change of the arms in J in a substep; None if they do not turn
         """
-        self.ends, self.isPoint, self.J, self.limits, self.levers, self.spread = geometry
-        self.turning = turning
+        self.ends, isPoint, self.J, self.limits, self.levers, self.spread = geometry
+        self.turning, A = turning, self._responses(masses)
         axes = len(motion.invMass) * np.arange(6).reshape(2, 1, 3, 1)
-        self.places = (self.ends[:, None] + axes).ravel()
-        self.applied = np.zeros_like(self.J[:, 0])
-        isPoint, A = self.isPoint, self._responses(masses)
-        normal, diagonal = A[:POINTS, :POINTS], A.diagonal().T[:POINTS]
-        self.mass = isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
-        self.K = self.mass * normal
-        total = np.einsum("jm,jkm,km->m", isPoint, normal, isPoint)
-        self.shared = isPoint / -np.where(total > 0.0, total, 1.0)
-        self.mutual = isPoint - np.einsum("jm,jkm->km", isPoint, self.K)
-        self.friction, isSpun = A[POINTS:, POINTS:], self.limits[1].any(axis=0)
+        self.places = (self.ends[:, None] + axes).reshape(12, -1)
+        self.normal, self.friction = A[:POINTS, :POINTS], A[POINTS:, POINTS:]
+        isSpun = self.limits[1].any(axis=0)
         self.friction[(0, 1, 2, 2), (2, 2, 0, 1)] *= isSpun  # a single point resists no spin
         mass = inverted(self.friction)
         ofNormals = np.einsum("ikm,kjm->ijm", mass, A[POINTS:, :POINTS])
         self.slip = np.concatenate((ofNormals, mass), axis=1)
         self.slip[2] *= isSpun
-        self.let_slide(np.zeros(len(total)))
+        self._start(isPoint, np.zeros(isPoint.shape[1]))
+
+    def _start(self, isPoint, leastSlip):
+        """Prepares sweeps in which the points isPoint (4, M) may change; leastSlip : `let_slide`"""
+        self.isPoint, self.applied = isPoint, np.zeros_like(self.J[:, 0])
+        diagonal = self.normal.diagonal().T
+        self.mass = isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
+        self.K = self.mass * self.normal
+        total = np.einsum("jm,jkm,km->m", isPoint, self.normal, isPoint)
+        self.shared = isPoint / -np.where(total > 0.0, total, 1.0)
+        self.mutual = isPoint - np.einsum("jm,jkm->km", isPoint, self.K)
+        self.let_slide(leastSlip)
 
     def _responses(self, masses):
         """A (7, 7, M), symmetric; masses : see `split_masses`"""
@@ -125,7 +129,7 @@ class ContactRows:
 
     def speeds(self, motion):
         """Speeds (7, M) of the rows; those of the points are > 0 if separating."""
-        v = take(motion.velocity, self.places).reshape(12, -1)
+        v = take(motion.velocity, self.places)
         v[3:6] -= v[:3]
         return np.einsum("irm,im->rm", self.J, v[3:])
 
@@ -138,7 +142,7 @@ class ContactRows:
     def push(self, motion, wrench):
         """Applies forces, and torques on the first and the second bodies, (9, M), times seconds."""
         parts, total = np.concatenate((-wrench[:3], wrench)), np.zeros((6, len(motion.invMass)))
-        np.add.at(total.reshape(-1), self.places, parts.ravel())  # faster than `bincount`
+        np.add.at(total.reshape(-1), self.places.ravel(), parts.ravel())  # faster than `bincount`
         motion.velocity[:3] += motion.invMass * total[:3]
         inertia = motion.invInertia.reshape(3, 3, -1)
         motion.velocity[3:] += np.einsum("ijn,jn->in", inertia, total[3:])
@@ -238,14 +242,14 @@ class PartRows(ContactRows):
     some : (K,), these; island : (K,), theirs
     """
 
-    def __init__(self, rows, isPart, isActive, motion):
+    def __init__(self, rows, isPart, isActive, motion, leastSlip):
         """rows : `ContactRows` of all; isPart : (M,); isActive : (4, M), points that may change"""
         self.some = indices(isPart)
-        given = rows.ends, isActive, rows.J, rows.limits, rows.levers, rows.spread
-        ends, isActive, *others = (take(x, self.some, -1) for x in given)
-        self.island = islands_of(ends, motion.invMass)
-        masses = split_masses(ends, motion.inverse)
-        super().__init__(motion, masses, (ends, 1.0 * isActive, *others))
+        for name in ("ends", "places", "J", "limits", "levers", "spread", "normal", "friction", "slip"):
+            setattr(self, name, take(getattr(rows, name), self.some, -1))
+        self.island = islands_of(self.ends, motion.invMass)
+        isActive, leastSlip = (take(x, self.some, -1) for x in (1.0 * isActive, leastSlip))
+        self._start(isActive, leastSlip)
 
     def converged(self, motion, impulse, tolerance, *terms, sweeps=SWEEPS):
         """Applies impulses to the bodies by up to `sweeps` sweeps; returns those (7, M) of all.
