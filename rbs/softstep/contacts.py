@@ -19,6 +19,7 @@ from rbs.softstep.rows import (
     islands_of,
     mean_squares,
     reached,
+    split_masses,
 )
 from rbs.softstep.supports import FLUSH
 
@@ -89,9 +90,10 @@ class SoftContacts(PlacedManifolds):
         impulse = manifolds.impulse[:, self.rows] * self.isPoint
         self.impulse = ratio * np.concatenate((impulse, manifolds.friction[:, self.rows]))
         self.separation = self.gap.copy()
-        inverse = np.concatenate((bodies.invMass[None], bodies.invInertia))
-        inverse[:, motion.moving] = motion.inverse[:, :-1]
-        self.system = contact_rows(self, ends, inverse, frames, motion, mu)
+        self._inverse = np.concatenate((bodies.invMass[None], bodies.invInertia))
+        self._inverse[:, motion.moving] = motion.inverse[:, :-1]
+        self._bodies, masses = ends, split_masses(self, ends, self._inverse, motion)
+        self.system = contact_rows(self, masses, frames, motion, mu)
         self.system.turn(0.5)  # arms are those in the middle of the next substep
         self.speed = self.system.speeds(motion)
         self.rounding = ROUNDING * np.abs(self.speed[:6]).max(initial=0.0)
@@ -108,7 +110,7 @@ class SoftContacts(PlacedManifolds):
         least = TOLERANCE * self.fallSpeed * h / self.timeStep
         least = np.maximum(least, max(self.rounding, TINY))
         self.system.let_slide(np.where(self._may_slide(), least, 0.0))
-        isUneven, loads = self._weighed(inverse[0], motion)
+        isUneven, loads = self._weighed(self._inverse[0], motion)
         self.most = (1.0 - KEPT) * loads * self.weight
         # impulses of shorter substeps are a wrong start, which one sweep would leave
         self.isUneven = isUneven | (ratio > 1.0)
@@ -169,6 +171,12 @@ class SoftContacts(PlacedManifolds):
         isFast = mean_squares(self.speed[POINTS:], self.system.spread) > self.fallSpeed**2
         isNear = self.separation < self.timeStep * (self.fallSpeed - self.speed[:POINTS])
         return isFast & (isNear & self.isPoint).any(axis=0) & self.system.limits[1].any(axis=0)
+
+    def weigh(self, motion):
+        """Takes over the masses of bodies, to which constraints add some."""
+        if not np.array_equal(self._inverse[:, motion.moving], motion.inverse[:, :-1]):
+            self._inverse[:, motion.moving] = motion.inverse[:, :-1]
+            self.system.weigh(split_masses(self, self._bodies, self._inverse, motion))
 
     def measure(self, motion):
         """Computes the speeds (7, M) of the rows, with all impulses applied."""

@@ -63,41 +63,45 @@ class ContactRows:
     K[k] : (4, M), response of all points' speeds to the impulse of point k, times their masses
     shared : (4, M), minus the mass of all points together; mutual : (4, M), response of the
         other points' speeds to a unit impulse at each of them, times minus the point's mass
-    friction : (3, 3, M), A of the friction rows alone
+    normal, friction : (4, 4, M), (3, 3, M), A of the points, and of the friction rows alone
     slip : (3, 7, M), impulses along the friction rows that stop the slip due to changes of the
         normal impulses, and then, by A⁻¹ of `friction`, the slip that there is
     leastSlip : (M,), see `let_slide`; sliding : (K,), manifolds whose points slide
     """
 
-    def __init__(self, motion, masses, geometry, turning=None):
+    def __init__(self, motion, masses, geometry, turning):
         """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `spread`
 
         masses : see `split_masses`
-        turning : (6, 6, M), change of the arms in J in a substep; None if they do not turn
+        turning : (6, 6, M), change of the arms in J in a substep
         """
-        self.ends, isPoint, self.J, self.limits, self.levers, self.spread = geometry
-        self.turning, A = turning, self._responses(masses)
+        self.ends, self.isPoint, self.J, self.limits, self.levers, self.spread = geometry
+        self.turning, self.applied = turning, np.zeros_like(self.J[:, 0])
+        self.leastSlip = np.zeros_like(self.spread)
         axes = len(motion.invMass) * np.arange(6).reshape(2, 1, 3, 1)
         self.places = (self.ends[:, None] + axes).reshape(12, -1)
+        self.weigh(masses)
+
+    def weigh(self, masses):
+        """Takes over the masses with which bodies respond, see `split_masses`."""
+        A, isSpun = self._responses(masses), self.limits[1].any(axis=0)
         self.normal, self.friction = A[:POINTS, :POINTS], A[POINTS:, POINTS:]
-        isSpun = self.limits[1].any(axis=0)
         self.friction[(0, 1, 2, 2), (2, 2, 0, 1)] *= isSpun  # a single point resists no spin
         mass = inverted(self.friction)
         ofNormals = np.einsum("ikm,kjm->ijm", mass, A[POINTS:, :POINTS])
         self.slip = np.concatenate((ofNormals, mass), axis=1)
         self.slip[2] *= isSpun
-        self._start(isPoint, np.zeros(isPoint.shape[1]))
+        self._prepare()
 
-    def _start(self, isPoint, leastSlip):
-        """Prepares sweeps in which the points isPoint (4, M) may change; leastSlip : `let_slide`"""
-        self.isPoint, self.applied = isPoint, np.zeros_like(self.J[:, 0])
-        diagonal = self.normal.diagonal().T
+    def _prepare(self):
+        """Sets what sweeps need of the points and of the slip that they have."""
+        isPoint, diagonal = self.isPoint, self.normal.diagonal().T
         self.mass = isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
         self.K = self.mass * self.normal
         total = np.einsum("jm,jkm,km->m", isPoint, self.normal, isPoint)
         self.shared = isPoint / -np.where(total > 0.0, total, 1.0)
         self.mutual = isPoint - np.einsum("jm,jkm->km", isPoint, self.K)
-        self.let_slide(leastSlip)
+        self.let_slide(self.leastSlip)
 
     def _responses(self, masses):
         """A (7, 7, M), symmetric; masses : see `split_masses`"""
@@ -242,14 +246,19 @@ class PartRows(ContactRows):
     some : (K,), these; island : (K,), theirs
     """
 
+    SHARED = "ends", "places", "J", "limits", "levers", "spread", "normal", "friction", "slip"
+
     def __init__(self, rows, isPart, isActive, motion, leastSlip):
-        """rows : `ContactRows` of all; isPart : (M,); isActive : (4, M), points that may change"""
+        """rows : `ContactRows` of all; isPart : (M,); isActive : (4, M), points that may change
+        leastSlip : (M,), see `let_slide`
+        """
         self.some = indices(isPart)
-        for name in ("ends", "places", "J", "limits", "levers", "spread", "normal", "friction", "slip"):
+        for name in self.SHARED:
             setattr(self, name, take(getattr(rows, name), self.some, -1))
+        given = 1.0 * isActive, leastSlip, np.zeros_like(rows.applied)
+        self.isPoint, self.leastSlip, self.applied = (take(x, self.some, -1) for x in given)
         self.island = islands_of(self.ends, motion.invMass)
-        isActive, leastSlip = (take(x, self.some, -1) for x in (1.0 * isActive, leastSlip))
-        self._start(isActive, leastSlip)
+        self._prepare()
 
     def converged(self, motion, impulse, tolerance, *terms, sweeps=SWEEPS):
         """Applies impulses to the bodies by up to `sweeps` sweeps; returns those (7, M) of all.
@@ -281,17 +290,9 @@ class PartRows(ContactRows):
         return result
 
 
-def contact_rows(placed, bodies, inverse, frames, motion, mu):
-    """Returns the `ContactRows` of `SoftContacts`.
-
-    bodies : (2, N), of all manifolds, also between sleepers; inverse : (10, n + 1), of all bodies
-    """
-    # What sleeps takes part in the soft step's springs as if it were awake, but is not lighter
-    # than what touches it. Otherwise, springs on it would be stiffer, and jam what is between.
-    ends, masses = placed.ends, take(split_masses(bodies, inverse), placed.rows, 2)
-    most = masses[0, ::-1] / np.maximum(masses[0], TINY)
-    masses *= np.where(motion.invMass[ends] == 0.0, np.minimum(most, 1.0), 1.0)
-    isPoint, n = 1.0 * placed.isPoint, placed.normal
+def contact_rows(placed, masses, frames, motion, mu):
+    """Returns the `ContactRows` of `SoftContacts`; masses : see `split_masses`"""
+    ends, isPoint, n = placed.ends, 1.0 * placed.isPoint, placed.normal
     weight = isPoint / np.maximum(np.add.reduce(isPoint), 1.0)
     middle = np.add.reduce(weight * placed.arm, axis=1)
     arm = placed.arm - middle[:, None]
@@ -333,13 +334,19 @@ def mean_squares(speed, spread):
     return along + across + spread * spin
 
 
-def split_masses(ends, inverse):
+def split_masses(placed, ends, inverse, motion):
     """Inverse masses and inertias (10, 2, M) of the parts of bodies in each of their manifolds.
 
-    ends : (2, M); inverse : (10, n), of whole bodies
+    placed : `SoftContacts`; ends : (2, N), bodies of all manifolds, also between sleepers
+    inverse : (10, n + 1), of whole bodies
+
+    What sleeps takes part in springs as if it were awake, but is not lighter than what touches it.
+    Otherwise, springs on it would be stiffer, and jam what is between.
     """
     count = np.bincount(ends.ravel(), minlength=inverse.shape[1])
-    return take(inverse * np.maximum(count / RELAXATION, 1.0), ends, axis=1)
+    parts = take(inverse * np.maximum(count / RELAXATION, 1.0), ends[:, placed.rows], axis=1)
+    most = np.minimum(parts[0, ::-1] / np.maximum(parts[0], TINY), 1.0)
+    return parts * np.where(motion.invMass[placed.ends] == 0.0, most, 1.0)
 
 
 def islands_of(ends, invMass):

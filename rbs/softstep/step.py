@@ -98,6 +98,7 @@ def _make_substep(motion, contacts, distances, h):
     contacts.soft_sweep(motion)
     if distances.count:
         distances.relax(motion, pushed)
+        contacts.weigh(motion)
         contacts.measure(motion)
     else:
         motion.displacement += h * motion.rates()
