@@ -90,14 +90,15 @@ def find_facets(pairs, margin, separation=None, level=-np.inf):
         found += [(take(rows, pair), normal, offset) for pair, normal, offset in facets]
     pair, normal, offset = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
     order = pair.argsort(kind="stable")
-    count = np.bincount(pair, minlength=len(margin))
-    return Facets(count, take(normal, order, axis=1), offset[order], completeUpTo)
+    columns = take(pair, order), take(normal, order, axis=1), take(offset, order)
+    return Facets(np.bincount(pair, minlength=len(margin)), *columns, completeUpTo)
 
 
 class Facets(NamedTuple):
     """Facets of the Minkowski differences of P pairs that can be nearest."""
 
     count: np.ndarray  # (P,), number of columns of each pair, > 0
+    row: np.ndarray  # (K,), pair of each column, ascending
     normal: np.ndarray  # (3, K), unit; the second body moves along it to separate
     offset: np.ndarray  # (K,)
     # (P,), penetration up to which all facets are there; -inf if they only prove separation
@@ -106,20 +107,20 @@ class Facets(NamedTuple):
     def of_pairs(self, pairs):
         """Returns the facets of the selected pairs (Q,), in their order."""
         count = self.count[pairs]
-        column = ranges((self.count.cumsum() - self.count)[pairs], count)[1]
+        row, column = ranges((self.count.cumsum() - self.count)[pairs], count)
         normal, offset = take(self.normal, column, axis=1), take(self.offset, column)
-        return Facets(count, normal, offset, self.completeUpTo[pairs])
+        return Facets(count, row, normal, offset, self.completeUpTo[pairs])
 
     def penetrations(self, t):
         """Penetrations (K,) along the facets, at t (3, P)."""
-        return self.offset - dot(self.normal, t.repeat(self.count, axis=1))
+        return self.offset - dot(self.normal, take(t, self.row, axis=1))
 
     def minimal_penetrations(self, t):
         """`(penetration (P,), normal (3, P))` along the nearest facet of each pair, at t (3, P).
 
         A negative penetration proves separation.
         """
-        least, column = vectors.row_minima(self.penetrations(t), self.count)
+        least, column = vectors.row_minima(self.penetrations(t), self.row)
         return least, take(self.normal, column, axis=1)
 
 
@@ -158,7 +159,7 @@ class _FacetSearch:
         # the facet of a separated pair may have a greater penetration than the axis
         depth = np.maximum(pairs.penetration, 0.0)
         first = self._depths_below_faces(pairs.vertex.ravel())
-        best = vectors.row_minima(first, self.count)[1]
+        best = vectors.row_minima(first, self.row)[1]
         _, vertex = supports(self.hulls, self.other, take(self.normal, best, axis=1))
         second = self._depths_below_faces(vertex)
         # the same bits as in the comparison of faces, so that a separated pair keeps one

@@ -245,7 +245,7 @@ class Bodies:
         rotation = take(self.hulls.rotation, near, axis=1)
         vertices = rotate_columns(rotation, take(self.vertices, column, axis=1), count)
         heights = vertices[1] + self.position[1][near[row]]
-        lowest, index = row_minima(heights, count)
+        lowest, index = row_minima(heights, row)
         below = indices(lowest <= 0.0)
         b = near[below]
         return b, take(vertices, index[below], axis=1) + take(self.position, b, axis=1)
