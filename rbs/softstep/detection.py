@@ -97,7 +97,7 @@ class Frames(Poses):
         turn[:] = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
 
         box = self._place_boxes(hasGround, tied)
-        self.pairs = bodies.near_pairs(box, isStill)
+        self.pairs = bodies.near_pairs(box, isStill, shift)
         isHeld = bodies.isFixed | self.isNearGround
         links = np.concatenate((self.pairs, tied), axis=1)
         island = islands(links, np.ones(self.count, dtype=bool))

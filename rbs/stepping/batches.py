@@ -152,7 +152,7 @@ class Pass:
 
     def _pairs(self, box, isFixed):
         """Pairs i < j (2, P) whose boxes overlap, in this order, but for linked and fixed ones."""
-        pair = self.bodies.near_pairs(box, isFixed)
+        pair = self.bodies.near_pairs(box, isFixed, self.start - self.bodies.start["position"])
         return pair[:, vectors.find_sorted(pair[0] * len(isFixed) + pair[1], self.linked) < 0]
 
     def run(self):

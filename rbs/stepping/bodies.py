@@ -19,9 +19,10 @@ from rbs.stepping.settings import EARTH
 # again, which takes a quarter of a step in batches. It keeps arrays smaller than the largest one
 # freed so far, up to 32 MB (M_MMAP_THRESHOLD in mallopt(3)).
 MOST_KEPT = 31 << 20
-# Margin of a body's reach, as a fraction of the largest side of its box. With more, more pairs are
-# compared in each step; with less, they are looked up more often.
-REACH = 0.35
+# Margin of a body's reach, as a fraction of the largest side of its box, and steps for which it has
+# room to go on as in this one, by up to that side. With more, more pairs are compared in each step;
+# with less, they are looked up more often.
+REACH, AHEAD = 0.2, 8.0
 # What stands for a mesh without vertices in a `HullSet`: any hull, because its box is empty.
 NO_HULL = build_hull(np.eye(4, 3))
 # Rows of the state in a table, and the state of a ground without velocity.
@@ -202,14 +203,16 @@ class Bodies:
         """Returns the boxes of the bodies b (m,) at the positions (3, m), as in `box`."""
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
 
-    def near_pairs(self, box, isStill):
+    def near_pairs(self, box, isStill, way):
         """Returns the pairs i < j (2, P), in this order, whose boxes (6, n) overlap, but for two
-        that are still, isStill (n,).
+        that are still, isStill (n,); way : (3, n), of the bodies in a step
 
         They are among those of an earlier call as long as each box lies within its reach then.
         """
         if self._near is None or not (box >= self._near[0]).all():
-            reach = box - REACH * (-box[3:] - box[:3]).max(axis=0)
+            side = (-box[3:] - box[:3]).max(axis=0)
+            ahead = AHEAD * np.concatenate((way, -way))
+            reach = box - REACH * side + np.minimum(np.maximum(ahead, -side), 0.0)
             self._near = reach, grid_overlaps(reach)
         pairs = overlapping(box, *self._near[1])
         return take(pairs, indices(~take(isStill, pairs).all(axis=0)), axis=1)
