@@ -262,7 +262,8 @@ class _FacetSearch:
         doubtful = indices(isNear & (sine2 < SURE_SINE**2))
         if len(doubtful):
             some, n = pair[doubtful], take(normal, doubtful, axis=1)
-            level = supports(hulls, self.own[some], -n)[0]
-            offset[doubtful] = -level - supports(hulls, self.other[some], n)[0]
+            bodies = np.concatenate((self.own[some], self.other[some]))
+            level = supports(hulls, bodies, np.concatenate((-n, n), axis=1))[0]
+            offset[doubtful] = -level[: len(some)] - level[len(some) :]
         near = indices(isNear)
         return take(pair, near), take(normal, near, axis=1), take(offset, near)

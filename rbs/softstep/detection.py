@@ -52,7 +52,7 @@ class Poses:
     def translations(self, first, second):
         """Vectors (3, P) from the first COM to the second, or to the ground right below."""
         t = take(self.position, second, axis=1) - take(self.position, first, axis=1)
-        t[0::2] = np.where(second == self.count, 0.0, t[0::2])
+        t[0::2] *= second < self.count
         return t
 
     def relative_orientations(self, first, second):
@@ -154,7 +154,8 @@ def detect(step, frames, state, tied):
     if len(asked) + len(landing) == 0:
         return valid
     ground = _ground_contacts(frames, landing)
-    pairs, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
+    given = (take(x, asked, axis=-1) for x in (first, second, axis))
+    pairs, axis[:, asked] = _facing_pairs(frames, *given)
     contacts = _with_pairs(frames, pairs, valid, ground) if len(pairs.first) else ground
     new = _new_manifolds(frames, *contacts)
     new.inherit(state.manifolds)
@@ -200,12 +201,13 @@ def _facing_pairs(frames, first, second, axis):
     if len(near) == 0:
         return pairs, axis
     size, radius = frames.sizes(pairs.first, pairs.second)
-    separation = frames.reach[pairs.first] + frames.reach[pairs.second] + MARGIN * size
-    approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
+    ends = np.array((pairs.first, pairs.second))
+    separation = take(frames.reach, ends).sum(axis=0) + MARGIN * size
+    approach = np.subtract(*take(frames.glide, ends, axis=1).swapaxes(0, 1))
     penetration, normal = contact_normals(pairs, separation, approach, FLUSH * radius)
     axis[:, near] = normal
-    advance = frames.advances(pairs.first, pairs.second, normal)
-    return pairs.along(normal).of(indices(penetration >= -advance)), axis
+    some = indices(penetration >= -frames.advances(pairs.first, pairs.second, normal))
+    return pairs.of(some).along(take(normal, some, axis=1)), axis
 
 
 def _with_pairs(frames, pairs, valid, ground):

@@ -84,8 +84,9 @@ class Manifolds(SimpleNamespace):
         given = old.anchor1, old.impulse, old.normal, old.tangent, old.friction
         points, impulse, *axes, (along, across, twist) = (take(x, known[mine], -1) for x in given)
         away = norm(take(self.anchor1, mine, axis=2)[:, :, None] - points[:, None])
-        nearest = np.where(take(self.isPoint, mine, axis=1)[:, None], away, np.inf).argmin(axis=0)
-        np.add.at(self.impulse, (nearest, mine), impulse)
+        away += np.where(take(self.isPoint, mine, axis=1), 0.0, np.inf)[:, None]
+        place = (away.argmin(axis=0) * len(known) + mine).ravel()
+        self.impulse.flat = np.bincount(place, impulse.ravel(), self.impulse.size)
         force = axes[1] * along + cross(*axes) * across
         normal, tangent = take(self.normal, mine, axis=1), take(self.tangent, mine, axis=1)
         self.friction[:, mine] = dot(force, tangent), dot(force, cross(normal, tangent)), twist
