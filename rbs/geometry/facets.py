@@ -202,10 +202,8 @@ class _FacetSearch:
         row, edge = ranges(self.hulls.edgeStart[own], self.hulls.edgeCount[own])
         faces = take(self.hulls.edgeFaces, edge, axis=1) + take(self.start[rows], row)
         bound = take(np.concatenate((bound, bound)), self.row)
-        # one bit per point
-        near = (first <= bound).view(np.uint8)
-        near = near | (second <= bound).view(np.uint8) << 1
-        near |= (0.5 * (first + second) <= bound).view(np.uint8) << 2
+        depths = first, second, 0.5 * (first + second)
+        near = sum((x <= bound).view(np.uint8) << k for k, x in enumerate(depths))  # one bit each
         nearOne, nearOther = take(near, faces)
         kept = indices((nearOne | nearOther) == 0b111)
         return take(edge, kept), take(faces, kept, axis=1)
@@ -261,9 +259,7 @@ class _FacetSearch:
         sine2 = np.minimum((r * r).min(axis=0) / lengthB2, (s * s).min(axis=0) / lengthA2)
         doubtful = indices(isNear & (sine2 < SURE_SINE**2))
         if len(doubtful):
-            some, n = pair[doubtful], take(normal, doubtful, axis=1)
-            bodies = np.concatenate((self.own[some], self.other[some]))
-            level = supports(hulls, bodies, np.concatenate((-n, n), axis=1))[0]
-            offset[doubtful] = -level[: len(some)] - level[len(some) :]
+            some = self.pairs.of(pair[doubtful])
+            offset[doubtful] = some.along(take(normal, doubtful, axis=1)).offset
         near = indices(isNear)
         return take(pair, near), take(normal, near, axis=1), take(offset, near)

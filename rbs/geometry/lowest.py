@@ -84,8 +84,7 @@ def touching_faces(hulls, vertex, outward):
     vertex : (R,), columns of these points; outward : (3, R), normals of contact, towards the other
     bodies. Faces elsewhere may be closer to them, but do not contain the deepest point.
     """
-    start, count = take(hulls.vertexFaceStart, vertex), take(hulls.vertexFaceCount, vertex)
-    row, face = ranges(start, count)
+    row, face = ranges(take(hulls.vertexFaceStart, vertex), take(hulls.vertexFaceCount, vertex))
     face = take(hulls.vertexFaces, face)
     cosine = dot(take(hulls.normals, face, axis=1), take(outward, row, axis=1))
     return take(face, row_minima(-cosine, row)[1])

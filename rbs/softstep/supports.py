@@ -44,8 +44,7 @@ def deferring(frames, ends, normal, asked, heights):
     closing = np.maximum(dot(m, take(approach, pair, axis=1)), 0.0)
     order = np.lexsort((closing, pair))
     order = order[isFirm[contact[order]]]
-    ofPair = take(pair, order)
-    isBest = np.concatenate(([True], ofPair[1:] > ofPair[:-1]))[: len(order)]
+    isBest = np.diff(pair[order], prepend=-1) > 0
     best, isContact = order[isBest], np.ones(len(normal[0]), dtype=bool)
     isCrossed = dot(take(m, order, axis=1), take(m, best[isBest.cumsum() - 1], axis=1)) < SLANT
     isContact[pair[order[isCrossed]]] = False

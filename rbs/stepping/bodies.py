@@ -19,9 +19,8 @@ from rbs.stepping.settings import EARTH
 # again, which takes a quarter of a step in batches. It keeps arrays smaller than the largest one
 # freed so far, up to 32 MB (M_MMAP_THRESHOLD in mallopt(3)).
 MOST_KEPT = 31 << 20
-# Margin of a body's reach, as a fraction of the largest side of its box, and steps for which it has
-# room to go on as in this one, by up to that side. With more, more pairs are compared in each step;
-# with less, they are looked up more often.
+# Margin of a body's reach, in largest sides of its box, and steps for which it may go on, by up to
+# a side. With more, more pairs are compared in each step; with less, they are sought more often.
 REACH, AHEAD = 0.2, 8.0
 # What stands for a mesh without vertices in a `HullSet`: any hull, because its box is empty.
 NO_HULL = build_hull(np.eye(4, 3))
@@ -190,8 +189,8 @@ class Bodies:
     def update_rotations(self):
         self.rotation = np.array(rotation_matrices(self.state[9:]))
         rotation = np.ascontiguousarray(self.rotation[:, :-1])
-        self.invInertia = np.zeros(self.rotation.shape)
-        self.invInertia[:, :-1] = rotate_tensor(rotation, self.restInvInertia)
+        invInertia = rotate_tensor(rotation, self.restInvInertia)
+        self.invInertia = np.append(invInertia, np.zeros((9, 1)), axis=1)
         self.hulls = self._atRest.rotated(rotation)
         corners, starts = self.hulls.vertices, self.hulls.vertexStart
         low = np.minimum.reduceat(corners, starts, axis=1)
@@ -211,8 +210,7 @@ class Bodies:
         """
         if self._near is None or not (box >= self._near[0]).all():
             side = (-box[3:] - box[:3]).max(axis=0)
-            ahead = AHEAD * np.concatenate((way, -way))
-            reach = box - REACH * side + np.minimum(np.maximum(ahead, -side), 0.0)
+            reach = box - REACH * side + np.clip(AHEAD * np.concatenate((way, -way)), -side, 0.0)
             self._near = reach, grid_overlaps(reach)
         pairs = overlapping(box, *self._near[1])
         return take(pairs, indices(~take(isStill, pairs).all(axis=0)), axis=1)
