@@ -90,14 +90,15 @@ def find_facets(pairs, margin, separation=None, level=-np.inf):
         found += [(take(rows, pair), normal, offset) for pair, normal, offset in facets]
     pair, normal, offset = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
     order = pair.argsort(kind="stable")
-    count = np.bincount(pair, minlength=len(margin))
-    return Facets(count, take(normal, order, axis=1), offset[order], completeUpTo)
+    columns = take(pair, order), take(normal, order, axis=1), take(offset, order)
+    return Facets(np.bincount(pair, minlength=len(margin)), *columns, completeUpTo)
 
 
 class Facets(NamedTuple):
     """Facets of the Minkowski differences of P pairs that can be nearest."""
 
     count: np.ndarray  # (P,), number of columns of each pair, > 0
+    row: np.ndarray  # (K,), pair of each column, ascending
     normal: np.ndarray  # (3, K), unit; the second body moves along it to separate
     offset: np.ndarray  # (K,)
     # (P,), penetration up to which all facets are there; -inf if they only prove separation
@@ -106,20 +107,20 @@ class Facets(NamedTuple):
     def of_pairs(self, pairs):
         """Returns the facets of the selected pairs (Q,), in their order."""
         count = self.count[pairs]
-        column = ranges((self.count.cumsum() - self.count)[pairs], count)[1]
+        row, column = ranges((self.count.cumsum() - self.count)[pairs], count)
         normal, offset = take(self.normal, column, axis=1), take(self.offset, column)
-        return Facets(count, normal, offset, self.completeUpTo[pairs])
+        return Facets(count, row, normal, offset, self.completeUpTo[pairs])
 
     def penetrations(self, t):
         """Penetrations (K,) along the facets, at t (3, P)."""
-        return self.offset - dot(self.normal, t.repeat(self.count, axis=1))
+        return self.offset - dot(self.normal, take(t, self.row, axis=1))
 
     def minimal_penetrations(self, t):
         """`(penetration (P,), normal (3, P))` along the nearest facet of each pair, at t (3, P).
 
         A negative penetration proves separation.
         """
-        least, column = vectors.row_minima(self.penetrations(t), self.count)
+        least, column = vectors.row_minima(self.penetrations(t), self.row)
         return least, take(self.normal, column, axis=1)
 
 
@@ -158,7 +159,7 @@ class _FacetSearch:
         # the facet of a separated pair may have a greater penetration than the axis
         depth = np.maximum(pairs.penetration, 0.0)
         first = self._depths_below_faces(pairs.vertex.ravel())
-        best = vectors.row_minima(first, self.count)[1]
+        best = vectors.row_minima(first, self.row)[1]
         _, vertex = supports(self.hulls, self.other, take(self.normal, best, axis=1))
         second = self._depths_below_faces(vertex)
         # the same bits as in the comparison of faces, so that a separated pair keeps one
@@ -201,10 +202,8 @@ class _FacetSearch:
         row, edge = ranges(self.hulls.edgeStart[own], self.hulls.edgeCount[own])
         faces = take(self.hulls.edgeFaces, edge, axis=1) + take(self.start[rows], row)
         bound = take(np.concatenate((bound, bound)), self.row)
-        # one bit per point
-        near = (first <= bound).view(np.uint8)
-        near = near | (second <= bound).view(np.uint8) << 1
-        near |= (0.5 * (first + second) <= bound).view(np.uint8) << 2
+        depths = first, second, 0.5 * (first + second)
+        near = sum((x <= bound).view(np.uint8) << k for k, x in enumerate(depths))  # one bit each
         nearOne, nearOther = take(near, faces)
         kept = indices((nearOne | nearOther) == 0b111)
         return take(edge, kept), take(faces, kept, axis=1)
@@ -260,8 +259,7 @@ class _FacetSearch:
         sine2 = np.minimum((r * r).min(axis=0) / lengthB2, (s * s).min(axis=0) / lengthA2)
         doubtful = indices(isNear & (sine2 < SURE_SINE**2))
         if len(doubtful):
-            some, n = pair[doubtful], take(normal, doubtful, axis=1)
-            level = supports(hulls, self.own[some], -n)[0]
-            offset[doubtful] = -level - supports(hulls, self.other[some], n)[0]
+            some = self.pairs.of(pair[doubtful])
+            offset[doubtful] = some.along(take(normal, doubtful, axis=1)).offset
         near = indices(isNear)
         return take(pair, near), take(normal, near, axis=1), take(offset, near)

@@ -60,8 +60,8 @@ def supports(hulls, bodies, directions):
     along its direction (3, R), and its column there; of several, the first.
     """
     cell = _cells_of(hulls, bodies, directions)
-    _, count, column, heights = _heights(hulls, bodies, directions, cell)
-    level, lowest = row_minima(heights, count)
+    row, _, column, heights = _heights(hulls, bodies, directions, cell)
+    level, lowest = row_minima(heights, row)
     return level, take(column, lowest)
 
 
@@ -84,11 +84,10 @@ def touching_faces(hulls, vertex, outward):
     vertex : (R,), columns of these points; outward : (3, R), normals of contact, towards the other
     bodies. Faces elsewhere may be closer to them, but do not contain the deepest point.
     """
-    count = take(hulls.vertexFaceCount, vertex)
-    row, face = ranges(take(hulls.vertexFaceStart, vertex), count)
+    row, face = ranges(take(hulls.vertexFaceStart, vertex), take(hulls.vertexFaceCount, vertex))
     face = take(hulls.vertexFaces, face)
     cosine = dot(take(hulls.normals, face, axis=1), take(outward, row, axis=1))
-    return take(face, row_minima(-cosine, count)[1])
+    return take(face, row_minima(-cosine, row)[1])
 
 
 def _heights(hulls, bodies, directions, cell):

@@ -118,7 +118,7 @@ def overlap_corners(polygons, slack):
     isInside[take(j, indices(insideA < take(least, i)))] = False
     corners = indices(isInside)
     # two sides cross if the ends of each lie on different sides of the other
-    headA = take(insideB, take(place, take(p.next, i)) + j)
+    headA = take(insideB, take(take(place, p.next[: len(place)]), i) + j)
     headB = take(insideA, take(place, i) + take(p.next, j))
     crosses = indices((insideB * headA < 0) & (insideA * headB < 0))
     s, i = insideB[crosses] / (insideB[crosses] - headA[crosses]), i[crosses]

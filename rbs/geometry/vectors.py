@@ -77,15 +77,17 @@ def ranges(first, length):
     return row, index
 
 
-def row_minima(values, count):
+def row_minima(values, row):
     """Least value of each row and its first index: `(least (R,), index (R,))`.
 
-    values : (K,), one row after the other; count : (R,), numbers of values of the rows, > 0
+    values : (K,); row : (K,), ascending, each of 0 … R - 1 at least once
     """
-    row, least = np.arange(len(count)).repeat(count), np.full(len(count), np.inf)
+    least = np.full(row[-1] + 1 if len(row) else 0, np.inf)
     np.minimum.at(least, row, values)  # faster than `reduceat` for a few values per row
-    equal, index = indices(values == take(least, row))[::-1], np.zeros(len(count), dtype=np.intp)
-    index[take(row, equal)] = equal  # reversed: the first one is assigned last
+    index = indices(values == take(least, row))
+    if len(index) > len(least):
+        row = take(row, index)
+        index = index[np.append(True, row[1:] > row[:-1])]
     return least, index
 
 

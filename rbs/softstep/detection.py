@@ -52,7 +52,7 @@ class Poses:
     def translations(self, first, second):
         """Vectors (3, P) from the first COM to the second, or to the ground right below."""
         t = take(self.position, second, axis=1) - take(self.position, first, axis=1)
-        t[0::2] = np.where(second == self.count, 0.0, t[0::2])
+        t[0::2] *= second < self.count
         return t
 
     def relative_orientations(self, first, second):
@@ -96,8 +96,7 @@ class Frames(Poses):
         shift -= held
         turn[:] = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
 
-        box = self._place_boxes(hasGround, tied)
-        self.pairs = bodies.near_pairs(box, isStill)
+        self.pairs = bodies.near_pairs(self._place_boxes(hasGround, tied), isStill, shift)
         isHeld = bodies.isFixed | self.isNearGround
         links = np.concatenate((self.pairs, tied), axis=1)
         island = islands(links, np.ones(self.count, dtype=bool))
@@ -154,7 +153,7 @@ def detect(step, frames, state, tied):
     if len(asked) + len(landing) == 0:
         return valid
     ground = _ground_contacts(frames, landing)
-    pairs, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
+    pairs, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], take(axis, asked, 1))
     contacts = _with_pairs(frames, pairs, valid, ground) if len(pairs.first) else ground
     new = _new_manifolds(frames, *contacts)
     new.inherit(state.manifolds)
@@ -204,8 +203,8 @@ def _facing_pairs(frames, first, second, axis):
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
     penetration, normal = contact_normals(pairs, separation, approach, FLUSH * radius)
     axis[:, near] = normal
-    advance = frames.advances(pairs.first, pairs.second, normal)
-    return pairs.along(normal).of(indices(penetration >= -advance)), axis
+    some = indices(penetration >= -frames.advances(pairs.first, pairs.second, normal))
+    return pairs.of(some).along(take(normal, some, axis=1)), axis
 
 
 def _with_pairs(frames, pairs, valid, ground):
@@ -225,13 +224,14 @@ def _with_pairs(frames, pairs, valid, ground):
     heights = np.concatenate((known.heights(), -pairs.level[::-1]), axis=1)
     ends = np.concatenate(ends, axis=1)
     normal, isContact = deferring(frames, ends, normals, asked, heights)
-    tangent, some = tangents(normal), indices((normal != pairs.axis).any(axis=0))
-    pairs.vertex[:, some] = pairs.of(some).along(take(normal, some, axis=1)).vertex
+    tangent, isOther = tangents(normal), (normal != pairs.axis).any(axis=0)
+    if isOther.any():
+        pairs.vertex[:, isOther] = pairs.of(indices(isOther)).along(normal[:, isOther]).vertex
     row, corners = pair_corners(pairs, normal, tangent)
     kept = indices(isContact[row])
     isMet = np.bincount(row[kept], minlength=len(pairs.first)) > 0
     met, row = indices(isMet), take(isMet.cumsum() - 1, row[kept]) + len(ground[0])
-    keep = np.where((normal == pairs.axis).all(axis=0), KEEP, FLUSH)
+    keep = np.where(isOther, FLUSH, KEEP)
     found = [take(x, met, axis=-1) for x in (pairs.first, pairs.second, normal, tangent, keep)]
     return vectors.joined(ground, (*found, row, take(corners, kept, axis=1)))
 

@@ -84,8 +84,9 @@ class Manifolds(SimpleNamespace):
         given = old.anchor1, old.impulse, old.normal, old.tangent, old.friction
         points, impulse, *axes, (along, across, twist) = (take(x, known[mine], -1) for x in given)
         away = norm(take(self.anchor1, mine, axis=2)[:, :, None] - points[:, None])
-        nearest = np.where(take(self.isPoint, mine, axis=1)[:, None], away, np.inf).argmin(axis=0)
-        np.add.at(self.impulse, (nearest, mine), impulse)
+        away += np.where(take(self.isPoint, mine, axis=1), 0.0, np.inf)[:, None]
+        place = (away.argmin(axis=0) * len(known) + mine).ravel()
+        self.impulse.flat = np.bincount(place, impulse.ravel(), self.impulse.size)
         force = axes[1] * along + cross(*axes) * across
         normal, tangent = take(self.normal, mine, axis=1), take(self.tangent, mine, axis=1)
         self.friction[:, mine] = dot(force, tangent), dot(force, cross(normal, tangent)), twist
@@ -170,13 +171,13 @@ def contact_normals(pairs, separation, approach, slop):
     not its side.
     """
     facets = find_facets(pairs, np.zeros(len(slop)), separation, slop)
-    count, excess = facets.count, facets.penetrations(pairs.t)
-    penetration = row_minima(excess, count)[0]
-    closing = np.maximum(dot(facets.normal, approach.repeat(count, axis=1)), 0.0)
-    room = slop.repeat(count) - excess
+    row, excess = facets.row, facets.penetrations(pairs.t)
+    penetration = row_minima(excess, row)[0]
+    closing = np.maximum(dot(facets.normal, take(approach, row, axis=1)), 0.0)
+    room = take(slop, row) - excess
     time = np.where(room < 0.0, -np.inf, room / np.maximum(closing, TINY))
-    time = np.where((penetration < slop).repeat(count), time, -excess)
-    last = row_minima(-time, count)[1]
+    time = np.where(take(penetration < slop, row), time, -excess)
+    last = row_minima(-time, row)[1]
     return excess[last], take(facets.normal, last, axis=1)
 
 
@@ -219,11 +220,10 @@ def four_points(row, u, v, separation, growth, size, margin):
     and at the end of the step, count less: a long cylinder touches with the other end of its side,
     even if the next side ends farther away. isPoint is false where no such point is left.
     """
-    count, grain = np.bincount(row), take(ROUNDING * size, row)
-    later = separation + growth
-    first = row_minima(np.rint(separation / grain), count)[1]
+    later, grain = separation + growth, take(ROUNDING * size, row)
+    first = row_minima(np.rint(separation / grain), row)[1]
     height = separation - take(np.maximum(separation[first], 0.0), row)
-    height = np.maximum(np.minimum(height, later - take(row_minima(later, count)[0], row)), 0.0)
+    height = np.maximum(np.minimum(height, later - take(row_minima(later, row)[0], row)), 0.0)
     # others still come down by as much as the deepest point would go on, if it met nothing
     beyond = np.maximum(np.minimum(-later[first], -growth[first]), 0.0)
     weight = 1.0 - height / take(margin + beyond, row)
@@ -232,11 +232,11 @@ def four_points(row, u, v, separation, growth, size, margin):
     near, place = indices(isNear), isNear.cumsum() - 1
     first, merge = place[first], FEATURE_TOLERANCE * size
     row, u, v, weight = (take(x, near) for x in (row, u, v, weight))
-    count, grain = np.bincount(row), take(ROUNDING * size * size, row)
+    grain = take(ROUNDING * size * size, row)
 
     def farthest(measure):
         """Returns the point (K,) of each row with the largest measure, and that measure."""
-        point = row_minima(np.rint(-weight * measure / grain), count)[1]
+        point = row_minima(np.rint(-weight * measure / grain), row)[1]
         return point, measure[point]
 
     def area(q):

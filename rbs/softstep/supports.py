@@ -30,7 +30,7 @@ def deferring(frames, ends, normal, asked, heights):
     ends : (2, C), bodies; the ground is body n. normal : (3, C), unit, from the first to the second
     asked : slice of the K of these that may defer
     heights : (2, V), of the planes of the first V of these, see `PlacedManifolds.heights`; the
-        others meet along the normal of least penetration, and so with the ends of both bodies
+        others land on the ground
 
     A contact that may itself defer is no support. Of several supports, the one along which the two
     approach least counts.
@@ -62,8 +62,8 @@ def _planes(frames, ends, normal, heights):
     """
     (body, base), count = np.concatenate((ends, ends[::-1]), axis=1), len(ends[0])
     outward, level = np.concatenate((-normal, normal), axis=1), np.zeros(2 * count)
-    some = indices(np.tile(np.arange(count) >= len(heights[0]), 2) & (base < frames.count))
-    level[some] = -supports(frames.hulls, take(base, some), -take(outward, some, axis=1))[0]
+    landing = slice(count + len(heights[0]), 2 * count)
+    level[landing] = -supports(frames.hulls, base[landing], -outward[:, landing])[0]
     level.reshape(2, count)[:, : len(heights[0])] = heights[::-1]
     depth = level[:count] + level[count:] - dot(normal, frames.translations(*ends))
     return body, base, outward, level, np.tile(depth, 2)

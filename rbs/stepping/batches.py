@@ -152,7 +152,7 @@ class Pass:
 
     def _pairs(self, box, isFixed):
         """Pairs i < j (2, P) whose boxes overlap, in this order, but for linked and fixed ones."""
-        pair = self.bodies.near_pairs(box, isFixed)
+        pair = self.bodies.near_pairs(box, isFixed, self.start - self.bodies.start["position"])
         return pair[:, vectors.find_sorted(pair[0] * len(isFixed) + pair[1], self.linked) < 0]
 
     def run(self):
@@ -184,11 +184,11 @@ class Pass:
         facetStarts, found = np.append(0, facets.count.cumsum())[starts], []
         batches, columns = (map(slice, x[:-1], x[1:]) for x in (starts, facetStarts))
         for some, ofThese in zip(batches, columns, strict=True):
-            ends, count = pair[:, some], facets.count[some]
+            ends, row = pair[:, some], facets.row[ofThese] - some.start
             position = take(self.end, ends, axis=1)
             normals, t = facets.normal[:, ofThese], position[:, 1] - position[:, 0]
-            penetrations = facets.offset[ofThese] - dot(normals, t.repeat(count, axis=1))
-            penetration, nearest = vectors.row_minima(penetrations, count)
+            penetrations = facets.offset[ofThese] - dot(normals, take(t, row, axis=1))
+            penetration, nearest = vectors.row_minima(penetrations, row)
             touches = penetration >= least[some]
             doubtful = indices(touches & (penetration <= sure[some]))
             if len(doubtful):

@@ -19,9 +19,9 @@ from rbs.stepping.settings import EARTH
 # again, which takes a quarter of a step in batches. It keeps arrays smaller than the largest one
 # freed so far, up to 32 MB (M_MMAP_THRESHOLD in mallopt(3)).
 MOST_KEPT = 31 << 20
-# Margin of a body's reach, as a fraction of the largest side of its box. With more, more pairs are
-# compared in each step; with less, they are looked up more often.
-REACH = 0.35
+# Margin of a body's reach, in largest sides of its box, and steps for which it may go on, by up to
+# a side. With more, more pairs are compared in each step; with less, they are sought more often.
+REACH, AHEAD = 0.2, 8.0
 # What stands for a mesh without vertices in a `HullSet`: any hull, because its box is empty.
 NO_HULL = build_hull(np.eye(4, 3))
 # Rows of the state in a table, and the state of a ground without velocity.
@@ -189,8 +189,8 @@ class Bodies:
     def update_rotations(self):
         self.rotation = np.array(rotation_matrices(self.state[9:]))
         rotation = np.ascontiguousarray(self.rotation[:, :-1])
-        self.invInertia = np.zeros(self.rotation.shape)
-        self.invInertia[:, :-1] = rotate_tensor(rotation, self.restInvInertia)
+        invInertia = rotate_tensor(rotation, self.restInvInertia)
+        self.invInertia = np.append(invInertia, np.zeros((9, 1)), axis=1)
         self.hulls = self._atRest.rotated(rotation)
         corners, starts = self.hulls.vertices, self.hulls.vertexStart
         low = np.minimum.reduceat(corners, starts, axis=1)
@@ -202,14 +202,15 @@ class Bodies:
         """Returns the boxes of the bodies b (m,) at the positions (3, m), as in `box`."""
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
 
-    def near_pairs(self, box, isStill):
+    def near_pairs(self, box, isStill, way):
         """Returns the pairs i < j (2, P), in this order, whose boxes (6, n) overlap, but for two
-        that are still, isStill (n,).
+        that are still, isStill (n,); way : (3, n), of the bodies in a step
 
         They are among those of an earlier call as long as each box lies within its reach then.
         """
         if self._near is None or not (box >= self._near[0]).all():
-            reach = box - REACH * (-box[3:] - box[:3]).max(axis=0)
+            side = (-box[3:] - box[:3]).max(axis=0)
+            reach = box - REACH * side + np.clip(AHEAD * np.concatenate((way, -way)), -side, 0.0)
             self._near = reach, grid_overlaps(reach)
         pairs = overlapping(box, *self._near[1])
         return take(pairs, indices(~take(isStill, pairs).all(axis=0)), axis=1)
@@ -245,7 +246,7 @@ class Bodies:
         rotation = take(self.hulls.rotation, near, axis=1)
         vertices = rotate_columns(rotation, take(self.vertices, column, axis=1), count)
         heights = vertices[1] + self.position[1][near[row]]
-        lowest, index = row_minima(heights, count)
+        lowest, index = row_minima(heights, row)
         below = indices(lowest <= 0.0)
         b = near[below]
         return b, take(vertices, index[below], axis=1) + take(self.position, b, axis=1)
