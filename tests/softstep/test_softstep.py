@@ -439,15 +439,15 @@ class Chain:
         return self
 
 
-@pytest.mark.parametrize("gone", [(0,), (5,), (4, 0, 1), (3, 2, 5)])
-def test_a_chain_swings_on_bit_for_bit_while_other_bodies_are_removed(gone):
-    chain = Chain(3, 3).run(20)
-    for k in gone:
-        chain.remove(chain.others[k])
+def test_a_chain_swings_on_bit_for_bit_while_other_bodies_are_removed():
     same = Chain(3, 3).run(20)
-    given = [chain.state.constraintImpulse, same.state.constraintImpulse]
-    assert np.array_equal(*given) and given[0].any()
-    assert np.array_equal(state_of(chain.run(20).links), state_of(same.run(20).links))
+    given, chains = same.state.constraintImpulse.copy(), [copy.deepcopy(same) for _ in range(4)]
+    due = state_of(same.run(20).links)
+    for chain, gone in zip(chains, ((0,), (5,), (4, 0, 1), (3, 2, 5)), strict=True):
+        for k in gone:
+            chain.remove(chain.others[k])
+        assert np.array_equal(chain.state.constraintImpulse, given) and given.any()
+        assert np.array_equal(state_of(chain.run(20).links), due), gone
 
 
 def test_a_link_that_is_removed_takes_only_its_own_constraints_along():
