@@ -40,11 +40,6 @@ def python(folder, *words, preexec_fn=None, **changes):
     return subprocess.run(command, **form)
 
 
-def run(folder, *arguments, **changes):
-    """Runs the program in a folder, with environment variables changed; the finished process."""
-    return python(folder, PROGRAM, *arguments, **changes)
-
-
 def run_script(script, *arguments, cwd="."):
     """Runs a script, but not a student's code, in this process, as `python` does in another."""
     streams = [io.TextIOWrapper(io.BytesIO(), "utf-8") for _ in range(2)]

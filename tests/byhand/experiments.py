@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from benchmark import describe_machine
 from engines import ENGINES, OWN, TIME_STEP, heap_states, throw
-from oracles import DATA, body, box_body, penetrations, quaternion, random_quaternions, rotation
+from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rbs.scenes.messages import InputError
-from RigidBodySimulation import load_scene_file, shapes
+from RigidBodySimulation import shapes
 
 G = 9.8
 UNIT = (1.0, 1.0, 1.0)
@@ -416,11 +416,6 @@ def thrown(meshes, velocity):
     return meshes, lambda mesh: throw(mesh, velocity)
 
 
-def tower_shot():
-    shot = box(-5, 2.5, density=5.0, sides=(0.4, 0.4, 0.4), isFixed=True)
-    return thrown([shot, *stack(5, UNIT)], (12, 1, 0))
-
-
 def seesaw():
     """A box falls on one end of a plank, on whose other end a smaller one lies."""
     meshes = [box(2.5, 3.5, density=2, isFixed=True), box(0, 0.25, 0, (0.5, 0.5, 2), isFixed=True)]
@@ -492,8 +487,8 @@ def crowd(engine):
     rng, meshes = np.random.default_rng(3), []
     for q in random_quaternions(rng, 30):
         place = 0.8 * rng.normal(size=3)
-        meshes.append(box(*place, (1.2, 0.5, 0.7), orientation=q))
-        throw(meshes[-1], rng.normal(size=3) - place)
+        mesh = box(*place, (1.2, 0.5, 0.7), orientation=q)
+        meshes.append(throw(mesh, rng.normal(size=3) - place))
     before = np.array([mesh.linVelocity[0] for mesh in meshes])
     run(engine, meshes, 0.5, mu=0.3, **FREE)
     gain = sum(mesh.linVelocity[0] for mesh in meshes) - before.sum(axis=0)  # equal masses
@@ -768,12 +763,6 @@ def tumbling_ode(seconds):
     return solve_ivp(derivative, (0, seconds), SPIN, **settings).t_events[0]
 
 
-def flips(seconds):
-    """How many of these turns there are, and the time of the first."""
-    times = tumbling_ode(seconds)
-    return len(times), times[0]
-
-
 def tumbling(engine, seconds=20.0, spin=SPIN):
     """Largest relative change of |L|, that of the energy, number of flips, time of the first."""
     mesh = throw(box(sides=SPINNER), spin=spin)
@@ -890,10 +879,6 @@ def legs():
     """Four, with a load off their middle."""
     load = box(0.3, 1.25, 0, (2, 0.5, 2), density=3.6)
     return [*(box(x, 0.5, z, (0.3, 1, 0.3)) for x in (-0.8, 0.8) for z in (-0.8, 0.8)), load]
-
-
-def building(name):
-    return load_scene_file(DATA / f"{name}-scene.txt")
 
 
 def pile(engine, make, *arguments, seconds=40.0, **settings):
