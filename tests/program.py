@@ -1,9 +1,13 @@
 """The program by subprocess, what it must agree with, recordings made without it, and OpenGL."""
 
+import io
 import os
+import runpy
+import signal
 import subprocess
 import sys
 import time
+from contextlib import redirect_stderr, redirect_stdout
 from functools import lru_cache
 
 import numpy as np
@@ -36,9 +40,25 @@ def python(folder, *words, preexec_fn=None, **changes):
     return subprocess.run(command, **form)
 
 
-def run(folder, *arguments, **changes):
-    """Runs the program in a folder, with environment variables changed; the finished process."""
-    return python(folder, PROGRAM, *arguments, **changes)
+def run_script(script, *arguments, cwd="."):
+    """Runs a script, but not a student's code, in this process, as `python` does in another."""
+    streams = [io.TextIOWrapper(io.BytesIO(), "utf-8") for _ in range(2)]
+    handler = signal.getsignal(signal.SIGINT)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(cwd)
+        patch.setattr(sys, "argv", [str(script), *map(str, arguments)])
+        with redirect_stdout(streams[0]), redirect_stderr(streams[1]):
+            with pytest.raises(SystemExit) as ended:
+                runpy.run_path(str(script), run_name="__main__")
+            code = ended.value.code
+            if isinstance(code, str):
+                code = bool(print(code, file=sys.stderr)) + 1
+    signal.signal(signal.SIGINT, handler)
+    texts = []
+    for stream in streams:
+        stream.flush()
+        texts.append(stream.buffer.getvalue().decode())
+    return subprocess.CompletedProcess([], code, *texts)
 
 
 def start(folder, *arguments, **options):

@@ -34,15 +34,6 @@ def test_constraint_lines_are_slack_taut_or_exceeded(name):
     assert lines.kinds(vertices).tolist() == list(kinds.values())
 
 
-def in_camera(points, position, target):
-    """(right, up, forward) of points (n, 3) seen from a camera whose up is y: three (n,)."""
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, [0.0, 1.0, 0.0])
-    right /= np.linalg.norm(right)
-    arms = points - position
-    return arms @ right, arms @ np.cross(right, forward), arms @ forward
-
-
 MARGINS = [(0, 0, 0, 0), (320, 0, 320, 0), (240, 0, 0, 66), (0, 30, 250, 90)]
 
 
@@ -54,7 +45,10 @@ def test_camera_sees_all_of_a_scene_beside_the_panels_as_large_as_possible(margi
         camera = framing.frame_camera(
             points, framing.VIEW_DIRECTION, 45.0, (width, height), margins
         )
-        right, up, depth = in_camera(points, camera.eye, camera.centre)
+        ahead = (camera.centre - camera.eye) / np.linalg.norm(camera.centre - camera.eye)
+        aside = np.cross(ahead, [0.0, 1.0, 0.0]) / np.hypot(*ahead[::2])
+        axes = np.array([aside, np.cross(aside, ahead), ahead])
+        right, up, depth = axes @ (points - camera.eye).T
         scale = height / 2 / math.tan(math.radians(22.5)) / depth
         assert np.all(depth > 0.0)
         x = (width / 2 + scale * right - left) / (width - left - rightMargin)

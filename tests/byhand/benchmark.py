@@ -29,22 +29,17 @@ def describe_machine():
     )
 
 
-def simulation_of(scene, scheduling, isRecommended):
-    """A `SceneSimulation`, all of whose bodies are awake."""
-    simulation = SceneSimulation(scene, Settings(constraintScheduling=scheduling))
-    if isRecommended:
-        apply_settings(simulation, {"sleeping": False}, isStrict=False)
-    return simulation
-
-
 def print_row(what, seconds):
     low, median, high = np.percentile(1e3 * np.array(seconds), (25, 50, 75))
     print(f"  {what:<13} {median:8.2f} ({low:.2f} – {high:.2f}) ms")
 
 
 def main(options):
-    runs = itertools.product(map(find_scene, options.scenes), options.scheduling)
-    simulations = [simulation_of(*run, options.recommended) for run in runs]
+    simulations = []
+    for scene, name in itertools.product(map(find_scene, options.scenes), options.scheduling):
+        simulations.append(SceneSimulation(scene, Settings(constraintScheduling=name)))
+        if options.recommended:
+            apply_settings(simulations[-1], {"sleeping": False}, isStrict=False)
     series = [[] for _ in simulations]
     for step in range(options.steps):
         for simulation, kept in zip(simulations, series, strict=True):

@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from benchmark import describe_machine
 from engines import ENGINES, OWN, TIME_STEP, heap_states, throw
-from oracles import DATA, body, box_body, penetrations, quaternion, random_quaternions, rotation
+from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rbs.scenes.messages import InputError
-from RigidBodySimulation import load_scene_file, shapes
+from RigidBodySimulation import shapes
 
 G = 9.8
 UNIT = (1.0, 1.0, 1.0)
@@ -66,6 +66,22 @@ def above(mesh, gap=0.0):
     """The mesh, moved so that its lowest vertex is `gap` above the ground."""
     mesh.position = mesh.position + [[0.0, gap - mesh.currVertices[:, 1].min(), 0.0]]
     return mesh
+
+
+def in_lanes(*worlds, width=40.0):
+    """All bodies of these lists in one list, each list in a lane of its own along x."""
+    for k, mesh in ((k, mesh) for k, meshes in enumerate(worlds) for mesh in meshes):
+        mesh.position = mesh.position + (0, 0, width * k)
+    return [mesh for meshes in worlds for mesh in meshes]
+
+
+def linked_in_lanes(*worlds):
+    """`(meshes, constraints)` of such pairs, each in a lane of its own."""
+    ties, first = [], 0
+    for meshes, own in worlds:
+        ties += [[a + first, i, b + first, *ends] for a, i, b, *ends in own]
+        first += len(meshes)
+    return in_lanes(*(meshes for meshes, _ in worlds)), ties
 
 
 def farthest(mesh, way):
@@ -147,22 +163,23 @@ def corner_rebounds(engine, e, sides=UNIT):
 
     Both with the arm at the start of the step in which it lands.
     """
-    ratios, turns = [], random_quaternions(np.random.default_rng(7), 25)
-    for gap, q in zip(np.linspace(0.001, 0.12, 25), turns, strict=True):
-        mesh = throw(above(box(sides=sides, orientation=q), gap), (3.0, -2.0, 0.0))
-        corner = int(mesh.currVertices[:, 1].argmin())
+    turns = random_quaternions(np.random.default_rng(7), 25)
+    starts = zip(np.linspace(0.001, 0.12, 25), turns, strict=True)
+    boxes = [above(box(sides=sides, orientation=q), gap) for gap, q in starts]
+    meshes = in_lanes(*([throw(mesh, (3.0, -2.0, 0.0))] for mesh in boxes))
+    corners = [int(mesh.currVertices[:, 1].argmin()) for mesh in meshes]
 
-        def watch(mesh=mesh, corner=corner):
-            arm = mesh.currVertices[corner] - mesh.position[0]
-            return mesh.linVelocity[0], mesh.angVelocity[0], arm
+    def watch():
+        arms = [m.currVertices[k] - m.position[0] for m, k in zip(meshes, corners, strict=True)]
+        return [[m.linVelocity[0] for m in meshes], [m.angVelocity[0] for m in meshes], arms]
 
-        track = [watch(), *run(engine, [mesh], 0.24, e=e, mu=1.0, watch=watch)[1]]
-        v, w, arm = np.moveaxis(track, 1, 0)
-        before = (v[:-1] + np.cross(w[:-1], arm[:-1]))[:, 1]
-        after = (v[1:] + np.cross(w[1:], arm[:-1]))[:, 1]
-        hit = int((after - before > 0.5).argmax())
-        ratios.append(-after[hit] / before[hit])
-    return min(ratios), max(ratios)
+    track = [watch(), *run(engine, meshes, 0.24, e=e, mu=1.0, watch=watch)[1]]
+    v, w, arm = np.moveaxis(track, 1, 0)
+    before = (v[:-1] + np.cross(w[:-1], arm[:-1]))[..., 1]
+    after = (v[1:] + np.cross(w[1:], arm[:-1]))[..., 1]
+    hits = (after - before > 0.5).argmax(axis=0)
+    ratios = -after[hits, range(25)] / before[hits, range(25)]
+    return ratios.min(), ratios.max()
 
 
 def edge_landing(engine, e):
@@ -177,14 +194,12 @@ def edge_landing(engine, e):
 
 def flat_landing(engine):
     """Most of its speed that a cube keeps as it lands flat with e = 0, and its largest spin."""
-    found = []
-    for height in (1.5, 1.51, 1.52, 1.56):
-        mesh = box(y=height)
+    meshes, found = [box(20.0 * k, y) for k, y in enumerate((1.5, 1.51, 1.52, 1.56))], []
 
-        def watch(mesh=mesh):
-            return abs(mesh.linVelocity[0, 1]), abs(mesh.angVelocity).max()
+    def watch():
+        return [(abs(m.linVelocity[0, 1]), abs(m.angVelocity).max()) for m in meshes]
 
-        speeds, spins = run(engine, [mesh], 0.6, watch=watch)[1].T
+    for speeds, spins in run(engine, meshes, 0.6, watch=watch)[1].transpose(1, 2, 0):
         hit = speeds.argmax() + 1
         found.append((speeds[hit] / speeds[hit - 1], spins[hit:].max()))
     return np.max(found, axis=0)
@@ -200,14 +215,15 @@ def bounce(engine, h, e=1.0):
 
 def second_corner(engine, isFixed):
     """Least and greatest energy that is left where a second corner comes close in the same step."""
-    kept = []
+    pairs = []
     for degrees in np.linspace(0.2, 8, 12):
         mesh = above(box(orientation=quaternion((0, 0, 1), degrees)), 0.01)
-        meshes = [throw(mesh, (0.3, -2.0, 0.0)), box(0, -0.5, 0, (10, 1, 10), isFixed=isFixed)]
-        before = kinetic(meshes)
-        run(engine, meshes, 0.3, e=1.0, mu=0.0, **FREE)
-        kept.append(kinetic(meshes) / before)
-    return min(kept), max(kept)
+        slab = box(0, -0.5, 0, (10, 1, 10), isFixed=isFixed)
+        pairs.append((throw(mesh, (0.3, -2.0, 0.0)), slab))
+    before = [*map(kinetic, pairs)]
+    run(engine, in_lanes(*pairs), 0.3, e=1.0, mu=0.0, **FREE)
+    kept = np.array([*map(kinetic, pairs)]) / before
+    return kept.min(), kept.max()
 
 
 def overlapping(engine, counts):
@@ -400,11 +416,6 @@ def thrown(meshes, velocity):
     return meshes, lambda mesh: throw(mesh, velocity)
 
 
-def tower_shot():
-    shot = box(-5, 2.5, density=5.0, sides=(0.4, 0.4, 0.4), isFixed=True)
-    return thrown([shot, *stack(5, UNIT)], (12, 1, 0))
-
-
 def seesaw():
     """A box falls on one end of a plank, on whose other end a smaller one lies."""
     meshes = [box(2.5, 3.5, density=2, isFixed=True), box(0, 0.25, 0, (0.5, 0.5, 2), isFixed=True)]
@@ -453,13 +464,12 @@ def glide(engine, side, speed, seconds=5.0):
 
 def against_a_wall(engine, count, e=0.0, distances=(0.3,)):
     """Largest speed of cubes of a row that has hit a wall at the distances, of that before."""
-    speeds = []
+    lanes = []
     for distance in distances:  # which end in different substeps
-        meshes = [throw(box(k), (1, 0, 0)) for k in range(count)]
         wall = box(count + distance, 1, 0, (1, 2, 2), isFixed=True)
-        run(engine, [*meshes, wall], 1.0, e=e, mu=0.0)
-        speeds += [abs(mesh.linVelocity[0, 0]) for mesh in meshes]
-    return max(speeds)
+        lanes.append([wall, *(throw(box(k), (1, 0, 0)) for k in range(count))])
+    run(engine, in_lanes(*lanes), 1.0, e=e, mu=0.0)
+    return max(abs(mesh.linVelocity[0, 0]) for _, *row in lanes for mesh in row)
 
 
 def plastic_row(engine, count, width=1):
@@ -477,8 +487,8 @@ def crowd(engine):
     rng, meshes = np.random.default_rng(3), []
     for q in random_quaternions(rng, 30):
         place = 0.8 * rng.normal(size=3)
-        meshes.append(box(*place, (1.2, 0.5, 0.7), orientation=q))
-        throw(meshes[-1], rng.normal(size=3) - place)
+        mesh = box(*place, (1.2, 0.5, 0.7), orientation=q)
+        meshes.append(throw(mesh, rng.normal(size=3) - place))
     before = np.array([mesh.linVelocity[0] for mesh in meshes])
     run(engine, meshes, 0.5, mu=0.3, **FREE)
     gain = sum(mesh.linVelocity[0] for mesh in meshes) - before.sum(axis=0)  # equal masses
@@ -545,12 +555,12 @@ def hit(engine, ratio):
 
 def drowsy(engine):
     """Least, greatest momentum left of a light cube that hits one at rest after 18, … 31 steps."""
-    momenta = []
+    lanes = []
     for k in range(18, 32):
-        light = throw(box(-1.0 - TIME_STEP * (k + 0.5), density=0.02), (1, 0, 0))
-        meshes = [box(), light]
-        run(engine, meshes, TIME_STEP * (k + 4), mu=0.0)
-        momenta.append(sum(mesh.mass * mesh.linVelocity[0, 0] for mesh in meshes) / light.mass)
+        light = box(-1.0 - TIME_STEP * (k + 0.5), density=0.02)
+        lanes.append([box(), throw(light, (1, 0, 0))])
+    run(engine, in_lanes(*lanes), TIME_STEP * 35, mu=0.0)
+    momenta = [a.linVelocity[0, 0] / 0.02 + b.linVelocity[0, 0] for a, b in lanes]
     return min(momenta), max(momenta)
 
 
@@ -576,18 +586,21 @@ def beads(count, ratio=1.0, degrees=0.0):
     return links, [[k, low, k + 1, high, 0.3, True] for k in range(count)]
 
 
-def swinging(engine, count, ratio, degrees, steps=(), substeps=(6,), added=False):
-    """Energy that a chain with a heavy end, let go at an angle, has left, and had at most.
+def swinging(engine, *chains, seconds=4.0, steps=(TIME_STEP,), substeps=(6,), added=False):
+    """Energy that chains with heavy ends, let go at an angle, have left, and had at most.
 
-    steps, substeps : time steps in s, and numbers of substeps, in turn; added : whether a
-        constraint far away is added after 0.5 s, and taken away after 1 s
+    chains : each the arguments of `beads`; steps, substeps : time steps in s, and numbers of
+        substeps, in turn; added : whether a constraint far away is added after 0.5 s, and taken
+        away after 1 s
     """
-    links, ties = beads(count, ratio, degrees)
-    tip = links[0].currVertices[ties[0][1], 1]  # below which it hangs at rest
-    rest = sum(G * m.mass * (tip + 0.1 - 0.5 * k) for k, m in enumerate(links[1:], 1))
-    before, settings = energy(links) - rest, HANGING | {"linkedBodiesCollide": False}
-    steps = steps or (TIME_STEP,)
-    meshes, far = [*links, box(99), box(99, 9)], [count + 1, 0, count + 2, 0, 999.0, True]
+    worlds, rests = [beads(*chain) for chain in chains], []
+    for links, ties in worlds:
+        tip = links[0].currVertices[ties[0][1], 1]  # below which it hangs at rest
+        rests.append(sum(G * m.mass * (tip + 0.1 - 0.5 * k) for k, m in enumerate(links[1:], 1)))
+    meshes, ties = linked_in_lanes(*worlds)
+
+    def watch():
+        return [energy(links) for links, _ in worlds]
 
     def act(k, world):
         world.arguments = steps[k % len(steps)], 0.0
@@ -595,9 +608,12 @@ def swinging(engine, count, ratio, degrees, steps=(), substeps=(6,), added=False
             world.settings["substeps"] = substeps[k % len(substeps)]
         world.settings["constraints"] = [*ties, far] if added and 25 <= k < 50 else ties
 
-    settings |= {"act": act, "watch": lambda: energy(links) - rest, "h": np.mean(steps)}
-    _, track = run(engine, meshes, 4.0, constraints=ties, **settings)
-    return track[-1] / before, track.max() / before
+    before, far = watch() - np.array(rests), [len(meshes), 0, len(meshes) + 1, 0, 999.0, True]
+    settings = HANGING | {"linkedBodiesCollide": False, "act": act, "watch": watch}
+    bodies, h = [*meshes, box(99), box(99, 9)], np.mean(steps)
+    _, track = run(engine, bodies, seconds, h, constraints=ties, **settings)
+    shares = (track - rests) / before
+    return shares[-1].min(), shares.max()
 
 
 def spinning(engine, links, ties, speed, seconds, **settings):
@@ -641,22 +657,22 @@ def overstretched(engine, count, factor):
     return top_speed(links)
 
 
-def ropes(engine, *directions, side=0.2, length=1.0, seconds=4.0, **more):
+def ropes(engine, *directions, side=0.2, length=1.0, **more):
     """Speed and spin of a cube in the end that ropes tie to anchors 5 m away."""
     mesh = box(0, 20, sides=(side, side, side))
-    return tied(engine, mesh, directions, seconds, lambda apart: length, **more)
+    return tied(engine, mesh, directions, lambda apart: length, **more)
 
 
 def taut(engine, percent, *axes, density=1.0, velocity=(0, 0, 0), spin=(0, 0, 0), **more):
-    """Speed and spin after 2 s of an octahedron that ropes along axes, too short by so many
+    """Speed and spin in the end of an octahedron that ropes along axes, too short by so many
     percent, tie to anchors 5 m away on both sides.
     """
     mesh = throw(shapes.convex_hull(CORNERS / 6, density, (0, 20, 0)), velocity, spin)
     directions = [sense * np.eye(3)[axis] for axis in axes for sense in (1, -1)]
-    return tied(engine, mesh, directions, 2.0, lambda apart: apart / (1 + percent / 100), **more)
+    return tied(engine, mesh, directions, lambda apart: apart / (1 + percent / 100), **more)
 
 
-def tied(engine, mesh, directions, seconds, length_of, rigid=False):
+def tied(engine, mesh, directions, length_of, seconds=2.0, rigid=False):
     """Speed and spin of a body that is tied; length_of : of the distance at the start"""
     meshes, ties = [mesh], []
     for k, way in enumerate(np.array(directions, dtype=float), 1):
@@ -745,12 +761,6 @@ def tumbling_ode(seconds):
 
     settings = {"events": lambda _, w: w[2], "rtol": 1e-11, "atol": 1e-12}
     return solve_ivp(derivative, (0, seconds), SPIN, **settings).t_events[0]
-
-
-def flips(seconds):
-    """How many of these turns there are, and the time of the first."""
-    times = tumbling_ode(seconds)
-    return len(times), times[0]
 
 
 def tumbling(engine, seconds=20.0, spin=SPIN):
@@ -869,10 +879,6 @@ def legs():
     """Four, with a load off their middle."""
     load = box(0.3, 1.25, 0, (2, 0.5, 2), density=3.6)
     return [*(box(x, 0.5, z, (0.3, 1, 0.3)) for x in (-0.8, 0.8) for z in (-0.8, 0.8)), load]
-
-
-def building(name):
-    return load_scene_file(DATA / f"{name}-scene.txt")
 
 
 def pile(engine, make, *arguments, seconds=40.0, **settings):

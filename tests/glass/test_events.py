@@ -5,26 +5,18 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from oracles import ROOT, box_body, state_of
+from oracles import box_body, state_of
 from program import call
 from studentVariants import write_submission
 
 from rbs.glass.events import Kind
 from rbs.glass.terms import terms, values
 from rbs.glass.trace import deviations
-from rbs.scenes.simulation import SceneSimulation
-from rbs.stepping.settings import Settings
 from RBSFunctions import run_timestep
+from RigidBodySimulation import Settings, Simulation
 
 # Scenes with contacts of bodies, constraints, and friction; and a step of each that has them.
 SCENES = {"mixed": 100, "tower_chain": 90, "slide": 80}
-
-
-def simulated(scene, steps, **settings):
-    simulation = SceneSimulation(ROOT / f"data/{scene}-scene.txt", Settings(**settings))
-    for _ in range(steps):
-        simulation.step()
-    return simulation
 
 
 def events_of(simulation):
@@ -42,7 +34,7 @@ WAYS += [{"friction": 0.5, "contactScheduling": "batches"}]
     [*(("tower_chain", way) for way in WAYS), ("mixed", WAYS[1]), ("slide", WAYS[2])],
 )
 def test_observed_steps_have_the_same_bits_and_the_sum_of_their_events(scene, settings):
-    observed = simulated(scene, SCENES[scene] - 60, **settings)
+    observed = Simulation(scene, Settings(**settings)).run(SCENES[scene] - 60)
     plain, kinds = copy.copy(observed), Counter()
     for _ in range(60):
         before = state_of(plain.meshes)
@@ -66,7 +58,7 @@ def test_observed_steps_have_the_same_bits_and_the_sum_of_their_events(scene, se
 def test_an_observer_that_raises_leaves_everything_unchanged(settings):
     """Whenever it does: the run continued has the bits of one that was not disturbed."""
     scene = "mixed" if "contactSolver" in settings else "tower_chain"
-    disturbed, raised = simulated(scene, SCENES[scene], **settings), 0
+    disturbed, raised = Simulation(scene, Settings(**settings)).run(SCENES[scene]), 0
     plain = copy.copy(disturbed)
     for step in range(30):
         told = []
@@ -105,7 +97,7 @@ def test_fixed_bodies_that_move_in_any_way_have_a_flight():
 
 @pytest.fixture(scope="module", params=SCENES)
 def events(request):
-    simulation = simulated(request.param, SCENES[request.param] - 30, friction=0.4)
+    simulation = Simulation(request.param, Settings(friction=0.4)).run(SCENES[request.param] - 30)
     return [event for _ in range(30) for event in events_of(simulation)]
 
 

@@ -38,7 +38,7 @@ def zipped(files):
 
 IN_CODE = {f"code/{name}": text for name, text in SOLUTION.items()}
 VIDEO = os.urandom(6 << 20)
-LATIN = "AUTHOR = 'Jörg'\n" + TEXT
+LATIN = f"AUTHOR = 'Jörg'\n{TEXT}".encode("latin-1")
 
 # From the name of a file or folder to (its content: files of a folder, or bytes; its name in the
 # tables, or None; the expected outcome: RIGHT, WRONG or the refusal; a text in remarks or notes).
@@ -66,8 +66,7 @@ add("Müller Anna_10001_assignsubmission_onlinetext", {"text.html": ""}, name=No
 add("nested", {f"a/b/c d/{k}": v for k, v in SOLUTION.items()}, RIGHT, "in a/b/c d")
 add("zip in zip.zip", zipped({"x/inner.zip": zipped(IN_CODE)}), "x/inner.zip is packed")
 add("renamed", {"RBSFunctions.py.txt": TEXT}, "there is RBSFunctions.py.txt")
-linked = link("RBSFunctions.py", "/etc/passwd")
-add("linked.zip", zipped(linked), "RBSFunctions.py is a link")
+add("linked.zip", zipped(link("RBSFunctions.py", "/etc/passwd")), "RBSFunctions.py is a link")
 final = {"RBSFunctions.py": "x = 1\n", "RBSFunctions_final_v2.py": TEXT}
 add(
     "final", final, WRONG, "look: RBSFunctions_final_v2.py is not graded; graded is RBSFunctions.py"
@@ -88,9 +87,8 @@ twice = IN_CODE | {f"old/v1/{k}": b"syntax error" for k in SOLUTION}
 add("twice", twice, RIGHT, "old/v1/RBSFunctions.py is not graded")
 add("skeleton", edited(*VARIANTS["skeleton"]), WRONG, "not implemented")
 # text encodings
-latin = LATIN.encode("latin-1")
 add("utf-16", with_text(TEXT.encode("utf-16")), "to do: save RBSFunctions.py as UTF-8")
-add("latin", with_text(latin), WRONG, "cannot be imported: RBSFunctions.py")
+add("latin", with_text(LATIN), WRONG, "cannot be imported: RBSFunctions.py")
 # other files beside the code
 add("video.zip", zipped(IN_CODE | {"code/run.mp4": VIDEO, "report.pdf": b"%PDF"}))
 add("with env", SOLUTION | {f"env/m{k}.py": "1/0" for k in range(2100)})

@@ -72,7 +72,6 @@ class _Number(float):
     __hash__ = float.__hash__
 resolve_position_constraint = lambda x, *rest: (_Number(1.0), x)
 """
-EXITS = "import os, atexit\natexit.register(os._exit, 0)\nos._exit(0)"
 THREAD = """
 import threading, os
 def _later():
@@ -86,7 +85,8 @@ threading.Thread(target=_later, daemon=True).start()
 """
 NOT_FINITE = "resolve_position_constraint = lambda x, *r: (float('nan'), [x[0] / 0.0] * 2)"
 ENDS = {"memory": MEMORY, "table-of-answers": TABLE, "forging-thread": THREAD}
-ENDS |= {"number-that-agrees": NUMBER, "exit-0": EXITS, "not-finite": NOT_FINITE}
+ENDS |= {"number-that-agrees": NUMBER, "not-finite": NOT_FINITE}
+ENDS["exit-0"] = "import os, atexit\natexit.register(os._exit, 0)\nos._exit(0)"
 CHEATS = {name: UNTOUCHED | {FUNCTIONS: f"{STUBS}\n{code}\n"} for name, code in ENDS.items()}
 
 

@@ -46,12 +46,8 @@ def scene(tmp_path_factory):
     return folder / "all-scene.txt"
 
 
-def compared(folder, scene, edits, steps=STEPS):
-    """The Comparison of an edited solution, after so many steps or the first difference."""
-    return compared_files(folder, scene, edited(*edits), steps)
-
-
-def compared_files(folder, scene, files, steps=STEPS):
+def compared(folder, scene, files, steps=STEPS):
+    """The Comparison of a solution, after so many steps or the first difference."""
     ours = SceneSimulation(scene, Settings(timeStep=0.02, restitution=0.5))
     functions, place = load_submission(written(folder / "student", files)).functions, str(folder)
     scenes = []
@@ -94,7 +90,7 @@ BESIDE_RELEASED = {
 @pytest.mark.parametrize("call", BESIDE_RELEASED)
 def test_what_is_allowed_for_hides_no_mistake(call, scene, tmp_path):
     edit, hint = BESIDE_RELEASED[call]
-    comparison = compared(tmp_path, scene, [*VARIANTS["released"], edit])
+    comparison = compared(tmp_path, scene, edited(*VARIANTS["released"], edit))
     assert f" {call}: " in comparison.problem and " v1," not in comparison.problem
     assert comparison.terms[-1].startswith(f"hint: {hint}") and " - or " not in comparison.terms[-1]
 
@@ -102,7 +98,7 @@ def test_what_is_allowed_for_hides_no_mistake(call, scene, tmp_path):
 @pytest.mark.parametrize(("where", "names"), CASES)
 def test_each_variant_is_found_where_its_mistake_is(where, names, scene, tmp_path):
     for name in names:
-        comparison = compared_files(tmp_path / name, scene, studentVariants.files_of_variant(name))
+        comparison = compared(tmp_path / name, scene, studentVariants.files_of_variant(name))
         assert bool(comparison.problem) == bool(where), f"{name}: {comparison.problem}"
         assert where in comparison.problem
         assert where or comparison.largest < 1e-14
@@ -144,12 +140,12 @@ DRIVERS = {
 @pytest.mark.parametrize("name", DRIVERS)
 def test_what_run_timestep_does_otherwise_is_found(name, scene, tmp_path):
     edit, text = DRIVERS[name]
-    assert re.search(text, compared(tmp_path, scene, [edit], 110).problem)
+    assert re.search(text, compared(tmp_path, scene, edited(edit), 110).problem)
 
 
 def test_the_released_run_timestep_is_named_and_hides_nothing(tmp_path):
-    edits = [LOST, EARLY, *VARIANTS["restitution-twice"]]
-    comparison = compared(tmp_path, DATA / "tower_chain-scene.txt", edits, 60)
+    files = edited(LOST, EARLY, *VARIANTS["restitution-twice"])
+    comparison = compared(tmp_path, DATA / "tower_chain-scene.txt", files, 60)
     lost, early = comparison.remarks
     assert lost.startswith("run_timestep loses a corrected linVelocity, as in the coursework's")
     assert early.startswith("run_timestep ends before the constraints hold, as in the")
@@ -167,7 +163,7 @@ def test_a_touch_of_no_depth_is_nobodys_mistake(scene, tmp_path):
         ("np.all(high >= otherLow) and", "np.all(high >= otherLow + 1e-12) and"),
         ("if lowest[1] <= 0.0:", "if lowest[1] <= -1e-12:"),
     ]
-    comparison = compared(tmp_path, touching, stricter, 1)
+    comparison = compared(tmp_path, touching, edited(*stricter), 1)
     assert (comparison.problem, comparison.remarks) == ("", {})
     alone = SceneSimulation(touching)
     alone.submitted = SubmittedSteps(tmp_path / "student")

@@ -62,13 +62,28 @@ def graded(place):
 
 @pytest.mark.slow
 def test_each_gets_the_expected_outcome_also_after_ctrl_c(tmp_path):
+    """In marks, sheets and results alike."""
     out, (code, said, count), printed, errors = graded(tmp_path)
     assert (code, errors) == (130, "") and 0 < count < len(EXPECTED)
     assert said.startswith(f"grade.py: stopped with {count} of {len(EXPECTED)} graded")
     assert handIns.mismatches(out) == {}
     passing = sum(fate == RIGHT for fate, _text in EXPECTED.values())
     assert printed.splitlines()[-1].startswith(f"{passing} of {len(EXPECTED)} pass, ")
-    assert_marks_sheets_and_results_agree(out)
+    marks = rows_in(out / "marks.csv")
+    for name, (row,) in marks.items():
+        results = json.loads((out / "gradescope" / name / "results.json").read_text("utf-8"))
+        isRefused = row["state"] != "graded"
+        assert row["of"] == ("" if isRefused else "30")  # a refusal is no mark
+        assert float(row["total"] or 0) == pytest.approx(results["score"])
+        assert sum(test["max_score"] for test in results["tests"]) == (0 if isRefused else 30)
+        assert sum(test["score"] for test in results["tests"]) == pytest.approx(results["score"])
+        sheet = (out / f"{name}.txt").read_text("utf-8")
+        for note in row["notes"].split(" | "):
+            assert note in sheet
+        assert (EXPECTED[name][0] == RIGHT) == (row["total"] == "30")
+    assert marks["skeleton"][0]["total"] == "0"  # nothing for what stays right of itself
+    assert "\x1b" not in (out / "=SUM(1).txt").read_text("utf-8")
+    assert "\n'=SUM(1)," in (out / "marks.csv").read_text("utf-8-sig")
 
 
 def test_a_loose_file_makes_no_hand_in_of_a_class_and_who_leaves_leaves_no_sheet(tmp_path, run):
@@ -92,24 +107,6 @@ def test_a_scene_that_differs_fails(tmp_path, run):
     assert row["failed"] == "scene mixed" and row["passed"] == "36 of 36"
     assert row["notes"].startswith("scene mixed: step 43: resolve_collision: isFixed of cyl")
     assert float(row["total"]) < float(row["of"]) == 45
-
-
-def assert_marks_sheets_and_results_agree(out):
-    marks = rows_in(out / "marks.csv")
-    for name, (row,) in marks.items():
-        results = json.loads((out / "gradescope" / name / "results.json").read_text("utf-8"))
-        isRefused = row["state"] != "graded"
-        assert row["of"] == ("" if isRefused else "30")  # a refusal is no mark
-        assert float(row["total"] or 0) == pytest.approx(results["score"])
-        assert sum(test["max_score"] for test in results["tests"]) == (0 if isRefused else 30)
-        assert sum(test["score"] for test in results["tests"]) == pytest.approx(results["score"])
-        sheet = (out / f"{name}.txt").read_text("utf-8")
-        for note in row["notes"].split(" | "):
-            assert note in sheet
-        assert (EXPECTED[name][0] == RIGHT) == (row["total"] == "30")
-    assert marks["skeleton"][0]["total"] == "0"  # nothing for what stays right of itself
-    assert "\x1b" not in (out / "=SUM(1).txt").read_text("utf-8")
-    assert "\n'=SUM(1)," in (out / "marks.csv").read_text("utf-8-sig")
 
 
 def test_two_mistakes_are_found_together():

@@ -52,21 +52,15 @@ def test_a_boxs_shadow_ends_where_the_sun_says_as_softly_as_the_suns_disc_does()
     assert abs(np.trapezoid(share - expected, x)) < 0.01
 
 
-def seen_wall(height, width, distance):
-    """The form factor of a wall, seen from the ground at a distance from one end of its foot."""
-    slant = np.hypot(height, distance)
-    near, far = np.arctan2(width, distance), np.arctan2(width, slant)
-    return (near - distance / slant * far) / (2.0 * math.pi)
-
-
 def test_the_skys_share_beside_a_wall(monkeypatch):
-    """In an even sky, among black bodies."""
+    """In an even sky, among black bodies: 1 less the form factors of both halves of the wall."""
     for name in ("ZENITH", "HORIZON"):
         monkeypatch.setattr(studiolight, name, np.full(3, 1.0 / math.pi))
     monkeypatch.setattr(studiolight, "BETWEEN_BODIES", 0.0)
     wall = view_of(box_body(1, 4, 24, (-0.5, 2, 0)))
     away = np.array([0.3, 1.0, 3.0, 8.0, 20.0])
-    expected = 1.0 - 2.0 * seen_wall(4.0, 12.0, away)
+    slant = np.hypot(4.0, away)
+    expected = 1.0 - (np.arctan2(12.0, away) - away / slant * np.arctan2(12.0, slant)) / math.pi
     assert expected[0] < 0.55 and expected[-1] > 0.99
     np.testing.assert_allclose(on_ground(wall, away, 0.0)[1][1], expected, atol=0.02)
 

@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import program
 import pytest
 from oracles import ROOT
 from PIL import Image
-from program import DATA, PROGRAM, call, python, require_opengl, run, summary_of, wait_for
+from program import DATA, PROGRAM, call, python, require_opengl, run_script, summary_of, wait_for
 from studentVariants import STUDENT
 
 from rbs.program.options import TABLE, WINDOW, parse_options
@@ -84,14 +85,14 @@ def test_pictures_and_video_of_a_run_and_its_replay_under_any_name(tmp_path):
     (tmp_path / "ü.json").write_text(json.dumps({**program.CAMERA, "windowWidth": 640}))
     options = "--size 161x121 --camera ü.json --show trails".split()
     outputs = "--record", "r.h5", "--video", "ein Film ö.mp4", "--screenshots", "viele/Bilder é"
-    summary = summary_of(run(tmp_path, "tet", "--steps", 20, *outputs, *options))
+    summary = summary_of(python(tmp_path, PROGRAM, "tet", "--steps", 20, *outputs, *options))
     assert summary["video"].startswith("ein Film ö.mp4: 11 frames at 25 fps")
     folder = tmp_path / "viele" / "Bilder é"
     names = sorted(path.name for path in folder.iterdir())
     assert names == ["frame_000000.png", "frame_000010.png", "frame_000020.png"]
     assert {Image.open(path).size for path in folder.iterdir()} == {(161, 121)}
     outputs = "--video b.gif --every 10 --screenshots other --colours density"
-    summary = summary_of(run(tmp_path, "--replay", "r.h5", *outputs.split(), *options))
+    summary = summary_of(python(tmp_path, PROGRAM, "--replay", "r.h5", *outputs.split(), *options))
     assert summary["video"].startswith("b.gif: 3 frames at 5 fps")
     for name in names:
         assert (tmp_path / "other" / name).read_bytes() != (folder / name).read_bytes()
@@ -119,7 +120,9 @@ def test_video_that_ctrl_c_ends_is_whole(tmp_path):
 @onLinux
 def test_without_opengl_a_run_tells_what_to_install(tmp_path):
     # where libglvnd looks for its drivers, of which Mesa is one
-    process = run(tmp_path, "tower", "--steps", 3, __EGL_VENDOR_LIBRARY_FILENAMES="/nonexistent")
+    process = python(
+        tmp_path, PROGRAM, "tower", "--steps", 3, __EGL_VENDOR_LIBRARY_FILENAMES="/nonexistent"
+    )
     assert process.returncode == 0 and "3 of 0.02 s" in process.stdout
     assert process.stderr.count("\n") == 1 and "apt-get install" in process.stderr
 
@@ -155,19 +158,17 @@ TOOLS += "tests/byhand benchmark nosuch", "tests/byhand hashes f", "tests/byhand
 def test_a_tool_tells_in_one_line_what_it_cannot_use(words, tmp_path):
     (tmp_path / "f").touch()
     tool, *rest = words.split()
-    ended = python(tmp_path, ROOT / tool, *rest)
+    ended = run_script(ROOT / tool, *rest, cwd=tmp_path)
     assert ended.returncode in (1, 2) and ended.stderr.count("\n") == 1, ended.stderr
-
-
-def fill():
-    os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
 
 
 @onLinux
 @pytest.mark.parametrize("words", ["tower --headless --steps 2", "tower --trace 1", "integration"])
 def test_what_cannot_be_printed_is_told_in_one_line(words, tmp_path):
     words = (PROGRAM, *words.split()) if " " in words else (ROOT / "graders/integrationGrading.py",)
-    ended = python(tmp_path, *words, preexec_fn=fill, PYTHONUNBUFFERED="")
+    with open("/dev/full", "w") as full:
+        fill = partial(os.dup2, full.fileno(), 1)
+        ended = python(tmp_path, *words, preexec_fn=fill, PYTHONUNBUFFERED="")
     said = f"{words[0].name}: cannot write: No space left on device\n"
     assert (ended.returncode, ended.stderr) == (2, said)
     ended = python(tmp_path, *words, preexec_fn=lambda: os.close(1))
@@ -186,10 +187,23 @@ def test_closed_streams_and_names_that_are_not_utf_8_change_no_verdict(closed, t
     assert len(list((tmp_path / "out").glob("M*ller.txt"))) == 1
 
 
-@pytest.mark.parametrize("program", SCRIPTS, ids=lambda one: one.stem)
-def test_help_is_printed_where_characters_are_lacking(program, tmp_path):
-    ended = python(tmp_path, program, "--help", PYTHONIOENCODING="ascii")
-    assert (ended.returncode, ended.stderr) == (0, "") and "--help" in ended.stdout
+# A zero byte after each help, unless the exit code is another one.
+ALL_HELP = """
+import os, runpy, sys
+for script in sys.argv[1:]:
+    sys.argv, sys.path[0] = [script, "--help"], os.path.dirname(script)
+    try:
+        runpy.run_path(script, run_name="__main__")
+    except SystemExit as ended:
+        print(ended.code or chr(0))
+"""
+
+
+def test_help_is_printed_where_characters_are_lacking(tmp_path):
+    ended = python(tmp_path, "-c", ALL_HELP, *SCRIPTS, PYTHONIOENCODING="ascii")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    *helps, _ = ended.stdout.split(chr(0))
+    assert len(helps) == len(SCRIPTS) and all("--help" in one for one in helps)
 
 
 # Words, and the scene, the overlays, gravity and constraints that they mean.

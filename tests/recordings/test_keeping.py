@@ -18,7 +18,6 @@ from rbs.window.hand import Grab, shot
 from RigidBodySimulation import Mesh, Settings, Simulation, ground, shapes
 
 bothSolvers = pytest.mark.parametrize("solver", ["impulse", "soft-step"])
-notOnWindows = pytest.mark.skipif(os.name == "nt", reason="Windows has no such links or signals")
 
 
 def boxes(solver="impulse", width=2):
@@ -117,7 +116,7 @@ def test_a_recording_is_closed_and_h5py_opens_it_beside_ours(tmp_path):
         pass
 
 
-@notOnWindows
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such links or signals")
 def test_a_recording_goes_through_a_link_to_a_file_that_is_there_or_not(tmp_path):
     link = tmp_path / "link.h5"
     link.symlink_to("run.h5")

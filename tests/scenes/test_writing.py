@@ -31,10 +31,8 @@ except OSError as error:
 """
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no limits of file sizes")
 def test_full_disk_loses_no_step_that_was_made(tmp_path):
-    import resource
-
+    resource = pytest.importorskip("resource", reason="Windows has no limits of file sizes")
     (tmp_path / "r.h5").write_bytes(OLD)
     limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (2**22, 2**22))
     process = python(tmp_path, "-c", FILLED, PYTHONPATH=str(ROOT), preexec_fn=limit)
@@ -46,11 +44,9 @@ def test_full_disk_loses_no_step_that_was_made(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no limits of file sizes")
 def test_outputs_that_fail_do_not_take_the_others_down(tmp_path):
     """A file may have 30 kB: too little for the recording, some rows of the table."""
-    import resource
-
+    resource = pytest.importorskip("resource", reason="Windows has no limits of file sizes")
     words = "--steps 200 --record r.h5 --stats s.csv --export e.glb".split()
     limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (30_000, 30_000))
     process = start(tmp_path, "singletet", *words, preexec_fn=limit)

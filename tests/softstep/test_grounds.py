@@ -9,7 +9,7 @@ import experiments
 import numpy as np
 import pytest
 from engines import throw
-from experiments import MOVERS, above, box, roller, tiles
+from experiments import MOVERS, above, box, in_lanes, roller, tiles
 from oracles import box_body, ground, minkowski_depth, penetrations, quaternion, rotation, state_of
 
 from rbs.softstep.step import SolverState
@@ -61,13 +61,6 @@ def free_row(width=1.0, height=1.0, depth=2.0):
 def spun(spin, x=0.0, y=0.2, z=0.0):
     """A flat box that spins about its vertical axis."""
     return throw(box_body(1.2, 0.4, 0.9, (x, y, z)), spin=(0.0, spin, 0.0))
-
-
-def in_lanes(*worlds, width=40.0):
-    """All bodies of these lists in one list, each list in a lane of its own along x."""
-    for k, mesh in ((k, mesh) for k, meshes in enumerate(worlds) for mesh in meshes):
-        mesh.position = mesh.position + (0, 0, width * k)
-    return [mesh for meshes in worlds for mesh in meshes]
 
 
 def slide(lanes, seconds=1.2, **settings):

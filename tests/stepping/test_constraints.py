@@ -157,9 +157,7 @@ def literal_sweep(meshes, constraints, maxIterations, tolerance):
 
 def test_tangles_by_the_literal_loop():
     """Random links, random ends; sweep and queue the same to the bit, the literal loop to 1e-12."""
-    rng = np.random.default_rng(306)
-    seen = Counter()
-    worst = 0.0
+    rng, seen, worst = np.random.default_rng(306), Counter(), 0.0
     for _ in range(30):
         meshes, constraints = tangle(rng, count=int(rng.integers(2, 40)))
         most = int(rng.choice([0, 10, 50, 300]))
@@ -173,8 +171,7 @@ def test_tangles_by_the_literal_loop():
             assert np.array_equal(results[0], results[1])
             restore(meshes, start)
             run_timestep(meshes, ground(), H, 0.5)
-            literal = literal_sweep(meshes, constraints, most, CONSTRAINT_TOLERANCE)
-            swept, made, flagged = literal
+            swept, made, flagged = literal_sweep(meshes, constraints, most, CONSTRAINT_TOLERANCE)
             assert visits == [flagged, made]
             worst = max(worst, np.abs(state_of(meshes) - results[1]).max())
             seen["ended by the number"] += swept == max(most, len(constraints))

@@ -47,11 +47,9 @@ def test_impulses_are_newtons_and_coulombs_at_random_contacts():
     K the sum of the inverse masses there, and across it what stops the sliding, up to μ j. Nothing
     needs the contact to be where the shapes touch.
     """
-    rng = np.random.default_rng(500)
-    outcomes = Counter()
+    rng, outcomes = np.random.default_rng(500), Counter()
     for k in range(600):
-        kind = ("free", "fixed first", "fixed second", "ground")[k % 4]
-        meshes = []
+        kind, meshes = ("free", "fixed first", "fixed second", "ground")[k % 4], []
         for i, q in enumerate(random_quaternions(rng, 2)):
             name, density = rng.choice(SHAPES), 10 ** rng.uniform(-3, 3)
             isFixed = kind == ("fixed first", "fixed second")[i]

@@ -42,6 +42,11 @@ def open_panel(polyscope, monkeypatch, tmp_path):
 
 
 @pytest.fixture
+def viewer(open_panel):
+    return open_panel("mixed").viewer
+
+
+@pytest.fixture
 def panel(open_panel):
     return open_panel("mixed", size=(560, 720))
 

@@ -55,8 +55,7 @@ def move(viewer, body, way):
 
 
 @pytest.mark.parametrize("name", ACTS)
-def test_what_is_done_is_undone_and_redone_with_all_that_was_ahead(open_panel, name):
-    viewer = open_panel("mixed").viewer
+def test_what_is_done_is_undone_and_redone_with_all_that_was_ahead(viewer, name):
     viewer.view.pick(3, viewer.view.poses[:3, 3])
     make_steps(viewer, 9)
     for place in (9, 4):  # at the end, and in the past
@@ -77,8 +76,7 @@ def test_what_is_done_is_undone_and_redone_with_all_that_was_ahead(open_panel, n
         assert bits_of(viewer.simulation) == before
 
 
-def test_a_push_adds_its_speed_and_a_drag_moves_a_body_with_the_mouse(open_panel):
-    viewer = open_panel("mixed").viewer
+def test_a_push_adds_its_speed_and_a_drag_moves_a_body_with_the_mouse(viewer):
     view, meshes = viewer.view, viewer.simulation.meshes
     for k in (2, 3):  # of other masses
         view.pick(k, view.poses[:3, k])
@@ -143,8 +141,7 @@ def test_kept_steps_and_plots_are_those_of_a_run_without_the_window(open_panel, 
         assert bits_of(viewer.simulation) == expected[step][0]
 
 
-def test_memory_is_limited_and_the_axis_shows_the_gap(open_panel, monkeypatch):
-    viewer = open_panel("mixed").viewer
+def test_memory_is_limited_and_the_axis_shows_the_gap(viewer, monkeypatch):
     monkeypatch.setattr("rbs.window.history.KEPT_BYTES", 50 * viewer.history.now.size)
     start = bits_of(viewer.simulation)
     make_steps(viewer, 120)
@@ -171,8 +168,7 @@ def test_a_click_on_the_axis_gives_the_step_that_it_tells(hands, panel):
         assert viewer.simulation.stepCount == place + step
 
 
-def test_looking_back_does_not_end_a_recording_but_a_step_from_there_does(open_panel):
-    viewer = open_panel("mixed").viewer
+def test_looking_back_does_not_end_a_recording_but_a_step_from_there_does(viewer):
     viewer.outputs.toggle("recording")
     make_steps(viewer, 12)
     for place in (3, 12, 5):
@@ -193,8 +189,7 @@ def test_looking_back_does_not_end_a_recording_but_a_step_from_there_does(open_p
     assert "add" in [one.kind for _, one in recording.changes]
 
 
-def test_what_is_gone_through_again_is_recorded_with_what_was_done(open_panel):
-    viewer = open_panel("mixed").viewer
+def test_what_is_gone_through_again_is_recorded_with_what_was_done(viewer):
     viewer.step_once()
     x, y = grab(viewer, 2)
     viewer.isPlaying = True
@@ -216,8 +211,7 @@ def test_what_is_gone_through_again_is_recorded_with_what_was_done(open_panel):
 
 
 @pytest.mark.parametrize("end", ["button", "restart", "open"])
-def test_a_recording_ends_with_what_it_is_of(open_panel, end):
-    viewer = open_panel("mixed").viewer
+def test_a_recording_ends_with_what_it_is_of(viewer, end):
     paths = []
     for _ in range(2):
         viewer.outputs.toggle("recording")
@@ -259,8 +253,7 @@ def test_a_recording_is_gone_through_and_continued_with_its_earlier_steps(open_p
     assert bits_of(viewer.simulation)[0] == expected[16][0][0]
 
 
-def test_settings_are_undone_and_a_dragged_slider_counts_once(open_panel):
-    viewer = open_panel("mixed").viewer
+def test_settings_are_undone_and_a_dragged_slider_counts_once(viewer):
     settings = viewer.simulation.settings
     for value in (0.1, 0.2, 0.3):
         viewer.set("friction", value)
@@ -273,8 +266,7 @@ def test_settings_are_undone_and_a_dragged_slider_counts_once(open_panel):
     assert viewer.message and viewer.history.place == 0
 
 
-def test_a_step_that_fails_is_told_and_changes_nothing(open_panel):
-    viewer = open_panel("mixed").viewer
+def test_a_step_that_fails_is_told_and_changes_nothing(viewer):
     viewer.step_once()
     viewer.simulation.meshes[3].linVelocity = np.full((1, 3), 1e300)
     viewer.step_once()
@@ -304,8 +296,7 @@ def test_a_pause_in_drawing_is_not_caught_up_and_a_slow_scene_says_so():
     assert playback.reached == pytest.approx(0.1, rel=0.1)
 
 
-def test_what_cannot_be_opened_is_told(open_panel, tmp_path):
-    viewer = open_panel("mixed").viewer
+def test_what_cannot_be_opened_is_told(viewer, tmp_path):
     scene = viewer.simulation
     (tmp_path / "broken.json").write_text("2\n")
     for name in (tmp_path / "broken.json", tmp_path / "none.h5", tmp_path, "stresss"):
@@ -314,8 +305,7 @@ def test_what_cannot_be_opened_is_told(open_panel, tmp_path):
 
 
 @pytest.mark.parametrize("method", ["add", "save"])
-def test_a_file_that_cannot_be_written_ends_and_is_reported(open_panel, monkeypatch, method):
-    viewer = open_panel("mixed").viewer
+def test_a_file_that_cannot_be_written_ends_and_is_reported(viewer, monkeypatch, method):
     viewer.outputs.toggle("recording")
 
     def fail(*arguments):
