@@ -277,7 +277,7 @@ class SoftContacts(PlacedManifolds):
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         some = indices(self.total.any(axis=0))
         smooth = self.normal * ~self.total[POINTS:].any(axis=0)
-        given = take(self.ends, some, 1), take(smooth, some, 1), distances.columns
+        given = take(self.ends, some, 1), take(smooth, some, 1), distances.columns, distances.rate
         share = bounded_share(motion, *given, distances.unmet(motion))
         self.total *= take(share, self.ends.min(axis=0))
 

@@ -25,21 +25,22 @@ BOUNCED = 1.6
 ROUNDED = 0.2
 
 
-def bounded_share(motion, touching, normal, tied, infeasible):
+def bounded_share(motion, touching, normal, tied, rate, infeasible):
     """Leaves each island of connected bodies no more energy than it had, plus the work of gravity.
 
     If an island that rests on something has more, its velocities shrink, except their mean along
     the support. If another one has more, its impulses shrink: momentum is conserved where nothing
-    takes it. Islands on which torques work, or supports that move differently, are left alone, and
-    so are those that constraints alone join, if they gain less than the fraction ROUNDED. Of bodies
-    that infeasible ones join, half of the energy counts, and none of gravity's work: they come to
-    rest.
+    takes it. Islands on which torques work, or bounds that change, or supports that move
+    differently, are left alone, and so are those that constraints alone join, if they gain less
+    than the fraction ROUNDED. Of bodies that infeasible ones join, half of the energy counts, and
+    none of gravity's work: they come to rest.
 
     Returns the share (m + 1,) of each body's impulses that is left.
 
     touching : (2, C), columns of `Motion` that touch
     normal : (3, C), their unit normals, or 0 where friction acts, too
     tied, infeasible : (2, L), (2, K), those that constraints join, all and some
+    rate : (L,), speeds with which bounds of constraints change
     """
     share, isTumbling = np.ones(len(motion.moving) + 1), motion.drift is not None
     if len(touching[0]) + len(tied[0]) == 0:
@@ -60,6 +61,8 @@ def bounded_share(motion, touching, normal, tied, infeasible):
         return mass * dot(v[:3], w[:3]) + dot(v[3:], mat_vec(inertia, w[3:]))
 
     some, held, frame, isWorked = _supports(motion, links, mass, island, count)
+    driven, halved = (ends[ends < count] for ends in (tied[:, rate != 0.0], infeasible))
+    isWorked[np.setdiff1d(island[driven], island[halved])] = True
     normal = np.concatenate((normal, np.zeros((3, len(tied[0])))), axis=1)
     normal = take(normal, some, axis=1)  # of what islands rest on
     frame, rests = take(frame, island, axis=1), np.bincount(held, minlength=count) > 0
@@ -69,7 +72,6 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     # what constraints push moves, but becomes no faster
     way = np.where(isTied[island], 0.5 * motion.timeStep * (begin + velocity)[:3], way)
     before, work = 0.5 * products(begin, begin), mass * dot(motion.gravity[:, :-1], way)
-    halved = infeasible[infeasible < count]
     before[halved], work[halved] = 0.5 * before[halved], 0.0
     limit, now = total(before + work), _turned(velocity, inertia, turn, isTumbling)
     energy = total(0.5 * products(now, now))

@@ -45,29 +45,34 @@ class SoftConstraints:
     ball joint: in a step, it keeps the vector p1 - p2, by three equations along fixed axes d.
 
     key : (6, R), body, vertex, body, vertex, lower, upper
-    impulse : (2, R), the greatest of a substep, before or after relaxing, inf before the first one,
-        and the greatest that has lasted for two, which gives links the mass that they keep if the
-        time step changes
+    impulse : (4, R), the greatest of a substep, before or after relaxing, inf before the first one,
+        the greatest that has lasted for two, which gives links the mass that they keep if the time
+        step changes, and the speeds with which the lower and upper bounds have changed
     movable : (K,), the pair of each equation, of those that can move; all that follows is of these
     share : (K,), 1, and a third in joints; pulls : (K,), impulses of the present substep
     visits : number of rows of all systems of equations that the step has factored
     columns : (2, K), of `Motion`; response : (K,), diagonal of A, on average over a pair
     length, lever : (K,), L, or the part along d, and what errors are compared with; isOff : (K,)
     C, gap : (K,), L minus its bound if violated, and if not, or else 0
+    rate : (K,), speed with which this bound changes
     ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the equations that have them
     """
 
     def __init__(self, key, impulse, frames, motion, h, ratio):
-        """impulse : of the last step; h, ratio : as for `SoftContacts`"""
+        """impulse : as `carried` returns it; h, ratio : as for `SoftContacts`"""
         bodies, vertices = (key[k:4:2].astype(np.intp) for k in (0, 1))
         # the force, and the masses of links, stay
-        self.impulse = np.array((ratio * impulse[0], impulse[1] / ratio))
+        rates = impulse[4:] / motion.timeStep
+        self.impulse = np.concatenate(([ratio * impulse[0], impulse[1] / ratio], rates))
+        # only speeds that last for two steps: what jumps is pushed
+        rates = rates.clip(*np.sort((impulse[2:4], np.zeros_like(rates)), axis=0))
         columns, radius = take(motion.column, bodies), frames.sizes(*bodies)[1]
         isJoint = key[4:].max(axis=0) <= JOINT * radius
         parts = np.where(isJoint, 3, 1) * (motion.invMass[columns] > 0.0).any(axis=0)
         some = self.movable = np.arange(len(parts)).repeat(parts)
-        self.count, self.visits, self.h = len(some), 0, h
+        self.count, self.visits, self.h, self._left = len(some), 0, h, motion.timeStep
         self.columns, self.share, self.isJoint = columns[:, some], 1.0 / parts[some], isJoint[some]
+        self._rates, self.rate = rates[:, some] * ~self.isJoint, np.zeros(self.count)
         if self.count == 0:
             return
         bodies, vertices, bounds = bodies[:, some], vertices[:, some], key[4:, some]
@@ -78,14 +83,14 @@ class SoftConstraints:
         way = self._way(motion.shift, self._arms)
         length = norm(way)
         along = length.clip(*bounds) / np.maximum(length, TINY) * dot(self._axes, way)
-        self.lower, self.upper = np.where(self.isJoint, along, bounds)
+        self._bounds = np.where(self.isJoint, along, bounds)
         self._reach, self.pushSpeed = norm(arms), push_speeds(motion, radius[some])
         self._places = (self._column + len(motion.invMass) * np.arange(6)[:, None]).ravel()
         isMoving = motion.invMass[self._column] > 0.0
         given = self._column.tobytes(), isMoving.tobytes()
         self.ends, self.rows, self._order = _paired(*given)
         # the first pull counts as one that lasts, or light links would fly off
-        self._last, lasting = self.impulse[:, some]
+        self._last, lasting = self.impulse[:2, some]
         self.pulls = np.where(self._last < np.inf, self._last, 0.0)
         if ratio > 1.0:  # links must bear the pull of a longer substep at once
             lasting = np.maximum(lasting, self.pulls)
@@ -118,10 +123,11 @@ class SoftConstraints:
         self.response = self._summed(self.share * diagonal)
         self.A = np.add.reduce(take(self.J, self.ends[0], 1) * take(self.MJ, self.ends[1], 1))
         self._factors = {}
-        isUpper = self.length - self.upper >= self.lower - self.length
-        bound = np.where(isUpper, self.upper, self.lower)
-        self.lowest = np.where(bound >= self.upper, -np.inf, 0.0)
-        self.highest = np.where(bound <= self.lower, np.inf, 0.0)
+        lower, upper = self._bounds - self._left * self._rates
+        isUpper = self.length - upper >= lower - self.length
+        bound, self.rate = np.where(isUpper, (upper, self._rates[1]), (lower, self._rates[0]))
+        self.lowest = np.where(bound >= upper, -np.inf, 0.0)
+        self.highest = np.where(bound <= lower, np.inf, 0.0)
         self.C = self.length - bound
         self.gap = self.C + (-self.C).clip(self.lowest, self.highest)
         self.C -= self.gap
@@ -223,18 +229,19 @@ class SoftConstraints:
         excess = size * size - bound * bound
         root = along + np.sqrt(np.maximum(along * along - excess, 0.0))
         error = excess / np.maximum(np.maximum(root, size), TINY)
-        return np.where(self.isJoint, along - bound, error)
+        return np.where(self.isJoint, along - bound, error) - self.h * self.rate
 
     def relax(self, motion, pushed):
         """Moves bodies, drops the pseudo-velocity of `pull`, and stops what violates the bounds."""
         self._move(motion, self.h * motion.rates())
         motion.velocity -= pushed
+        self._left -= self.h
         size = np.sqrt(self._summed(self.pulls**2))
         self._update(motion, np.minimum(self._last, size))
-        error = self._speeds(motion.rates()) + self.gap / self.h
+        error = self._speeds(motion.rates()) + self.gap / self.h - self.rate
         self._solve(motion, error, self.pulls != 0.0)
         self._last = np.maximum(size, np.sqrt(self._summed(self.pulls**2)))
-        self.impulse[:, self.movable] = self._last, self._lasting
+        self.impulse[:2, self.movable] = self._last, self._lasting
 
     def _solve(self, motion, error, isActive, isNear=False):
         """Changes pulls and velocities so that no speed exceeds its bound.
@@ -326,18 +333,21 @@ def pair_numbers(ends):
 
 
 def carried(key, before, impulse):
-    """`(impulse (2, R), bodies (K,))`: impulses of the constraints of the last step that join the
-    same points, and bodies whose constraints have been added, removed or changed.
+    """`(impulse (6, R), bodies (K,))`: `SoftConstraints.impulse` of constraints that join the same
+    points, by how much their bounds have changed, and bodies whose constraints have been added,
+    removed or changed.
 
     key, before : `SoftConstraints.key` of this step and of the last; impulse : of the last step
     """
     if np.array_equal(key, before):
-        return impulse, np.zeros(0, dtype=np.intp)
+        return np.concatenate((impulse[:4], np.zeros_like(key[4:]))), np.zeros(0, dtype=np.intp)
     count, both = len(key[0]), np.concatenate((key, before), axis=1)
     points = np.split(pair_numbers(both[:4].astype(np.intp)), [count])
     _, now, last = np.intersect1d(*points, return_indices=True)
-    kept = np.tile([[np.inf], [0.0]], count)
-    kept[:, now] = impulse[:, last]
+    kept, ends = np.zeros((6, count)), (key[4:, now], before[4:, last])
+    kept[0] = np.inf
+    change = np.subtract(*ends, where=np.not_equal(*ends), out=np.zeros_like(ends[0]))
+    kept[:, now] = np.concatenate((impulse[:4, last], change))
     isSame = (key[:, now] == before[:, last]).all(axis=0)
     others = np.delete(both, np.concatenate((now[isSame], count + last[isSame])), axis=1)
     return kept, others[0:4:2].ravel().astype(np.intp)

@@ -189,14 +189,14 @@ class SolverState:
     substep : length of a substep in s, 0 before the first step. A change wakes all bodies
     removed : indices of bodies that have been removed since the last step, in this order
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
-    constraintImpulse : (2, R), see `SoftConstraints`
+    constraintImpulse : (4, R), see `SoftConstraints`
     """
 
     def __init__(self):
         self.count, self.manifolds, self.sleep = None, NO_MANIFOLDS, None
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
         self.constraint, self.surroundings = np.zeros((6, 0)), np.zeros(0)
-        self.constraintImpulse = np.zeros((2, 0))
+        self.constraintImpulse = np.zeros((4, 0))
         self.substep, self.removed = 0.0, ()
 
     def renumber(self, bodies):
