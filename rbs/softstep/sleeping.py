@@ -121,8 +121,7 @@ def wake(step, frames, state, manifolds, tied, lost, isDisturbed, isBereft):
         isSource = isDisturbed.copy()
         isSource[tied] = True
         blow = _striking_speeds(step, frames, manifolds, isSource)
-        isHit = isDue & ~isWoken & reached(blow > least, blow, mass, links, least)
-        isTried, isWoken = isHit & sleep.isAsleep, isWoken | (isHit & ~sleep.isAsleep)
+        isTried = isDue & ~isWoken & reached(blow > least, blow, mass, links, least)
     isAsleep, timer = sleep.isAsleep & ~isWoken & ~isTried, np.where(isWoken, 0.0, sleep.timer)
     return Sleep(**vars(sleep) | {"isAsleep": isAsleep, "timer": timer}), isTried
 

@@ -280,4 +280,6 @@ class SolverState:
             names = vars(NO_MANIFOLDS)
             state.manifolds = Manifolds(**{name: arrays[f"manifolds.{name}"] for name in names})
             state.count, state.removed = len(state.sleep.timer), tuple(state.removed.tolist())
+            shape = len(cls().constraintImpulse), len(state.constraint[0])
+            state.constraintImpulse = state.constraintImpulse.reshape(shape)
         return state
