@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from benchmark import describe_machine
 from engines import ENGINES, OWN, TIME_STEP, heap_states, throw
-from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation
+from oracles import DATA, body, box_body, penetrations, quaternion, random_quaternions, rotation
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rbs.scenes.messages import InputError
-from RigidBodySimulation import shapes
+from RigidBodySimulation import load_scene_file, shapes
 
 G = 9.8
 UNIT = (1.0, 1.0, 1.0)
@@ -879,6 +879,10 @@ def legs():
     """Four, with a load off their middle."""
     load = box(0.3, 1.25, 0, (2, 0.5, 2), density=3.6)
     return [*(box(x, 0.5, z, (0.3, 1, 0.3)) for x in (-0.8, 0.8) for z in (-0.8, 0.8)), load]
+
+
+def building(name):
+    return load_scene_file(DATA / f"{name}-scene.txt")
 
 
 def pile(engine, make, *arguments, seconds=40.0, **settings):
