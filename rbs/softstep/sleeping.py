@@ -9,10 +9,9 @@ from outside, if a constraint of it or the scene changes, or if it touches a bod
 changed or is fast. Such a disturbance spreads by one body per step. A whole island wakes at once if
 it loses a support, or rests on something that moves, where it stays awake however slow it is.
 
-Forces, blows, ties and friction reach farther. Bodies that a force could move wake. Those that
-blows, ties or friction could move visibly, before friction stopped them again, are on trial: they
-move in this step. If they still lie at rest at its end, they have not moved; otherwise they stay
-awake.
+Forces, blows and ties reach farther. Bodies that a force could move wake. Those that blows or ties
+could move visibly, before friction stopped them again, are on trial: they move in this step. If
+they still lie at rest at its end, they have not moved; otherwise they stay awake.
 """
 
 from copy import deepcopy
@@ -128,9 +127,9 @@ def wake(step, frames, state, manifolds, tied, lost, isDisturbed, isBereft):
 
 def _striking_speeds(step, frames, manifolds, isSource):
     """Speeds (n,) of bodies whose momentum others may receive in the step: own ones of isSource
-    (n,), and of all, the greatest towards what they meet in the step and, as its last
-    sweep stops that, too, in one more substep. The former are relative to what is still: a body
-    also pushes what the one before it pushes.
+    (n,), and of all, the greatest towards what they meet in the step and, as its last sweep stops
+    that, too, in one more substep. The former are relative to what is still: a body also pushes
+    what the one before it pushes.
     """
     bodies, ends = frames.bodies, manifolds.bodies(frames.count)
     isFixed = np.append(bodies.isFixed, True)
