@@ -241,9 +241,10 @@ class ContactRows:
 
 
 class PartRows(ContactRows):
-    """Rows of K of M manifolds, as if there were no others, which are solved until they converge.
+    """Rows of K of M manifolds, which are solved until they converge, while others stay.
 
     some : (K,), these; island : (K,), theirs
+    They respond with the masses that all M split, and as with the arms of the step's start.
     """
 
     SHARED = "ends", "places", "J", "limits", "levers", "spread", "normal", "friction", "slip"
