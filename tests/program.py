@@ -51,8 +51,9 @@ def run_script(script, *arguments, cwd="."):
             with pytest.raises(SystemExit) as ended:
                 runpy.run_path(str(script), run_name="__main__")
             code = ended.value.code
-            if isinstance(code, str):
-                code = bool(print(code, file=sys.stderr)) + 1
+            if isinstance(code, str):  # as Python itself does
+                print(code, file=sys.stderr)
+                code = 1
     signal.signal(signal.SIGINT, handler)
     texts = []
     for stream in streams:

@@ -90,10 +90,9 @@ class SoftContacts(PlacedManifolds):
         impulse = manifolds.impulse[:, self.rows] * self.isPoint
         self.impulse = ratio * np.concatenate((impulse, manifolds.friction[:, self.rows]))
         self.separation = self.gap.copy()
-        self._inverse = np.concatenate((bodies.invMass[None], bodies.invInertia))
-        self._inverse[:, motion.moving] = motion.inverse[:, :-1]
-        self._bodies, masses = ends, split_masses(self, ends, self._inverse, motion)
-        self.system = contact_rows(self, masses, frames, motion, mu)
+        inverse = np.concatenate((bodies.invMass[None], bodies.invInertia))
+        self._bodies, self._inverse = ends, inverse
+        self.system = contact_rows(self, self._masses(motion), frames, motion, mu)
         self.system.turn(0.5)  # arms are those in the middle of the next substep
         self.speed = self.system.speeds(motion)
         self.rounding = ROUNDING * np.abs(self.speed[:6]).max(initial=0.0)
@@ -175,8 +174,11 @@ class SoftContacts(PlacedManifolds):
     def weigh(self, motion):
         """Takes over the masses of bodies, to which constraints add some."""
         if not np.array_equal(self._inverse[:, motion.moving], motion.inverse[:, :-1]):
-            self._inverse[:, motion.moving] = motion.inverse[:, :-1]
-            self.system.weigh(split_masses(self, self._bodies, self._inverse, motion))
+            self.system.weigh(self._masses(motion))
+
+    def _masses(self, motion):
+        self._inverse[:, motion.moving] = motion.inverse[:, :-1]
+        return split_masses(self, self._bodies, self._inverse, motion)
 
     def measure(self, motion):
         """Computes the speeds (7, M) of the rows, with all impulses applied."""

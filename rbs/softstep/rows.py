@@ -244,7 +244,7 @@ class PartRows(ContactRows):
     """Rows of K of M manifolds, which are solved until they converge, while others stay.
 
     some : (K,), these; island : (K,), theirs
-    They respond with the masses that all M split, and as with the arms of the step's start.
+    Their responses are those of the M rows: for masses split among all, and arms as they were then.
     """
 
     SHARED = "ends", "places", "J", "limits", "levers", "spread", "normal", "friction", "slip"

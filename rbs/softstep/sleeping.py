@@ -89,7 +89,7 @@ class Sleep(SimpleNamespace):
 
 def wake(step, frames, state, manifolds, tied, lost, isDisturbed, isBereft):
     """`(sleep, isTried (n,))`: the `Sleep` with which the bodies of a `Step` move, and which
-    sleepers are on trial.
+    of those that sleep, or are about to fall asleep, are on trial.
 
     state : `SolverState` of the last step; manifolds : of this one; tied : as for `Frames`
     lost : (2, K), see `unloaded`

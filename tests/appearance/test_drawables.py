@@ -46,7 +46,8 @@ def test_camera_sees_all_of_a_scene_beside_the_panels_as_large_as_possible(margi
             points, framing.VIEW_DIRECTION, 45.0, (width, height), margins
         )
         ahead = (camera.centre - camera.eye) / np.linalg.norm(camera.centre - camera.eye)
-        aside = np.cross(ahead, [0.0, 1.0, 0.0]) / np.hypot(*ahead[::2])
+        aside = np.cross(ahead, [0.0, 1.0, 0.0])
+        aside /= np.linalg.norm(aside)
         axes = np.array([aside, np.cross(aside, ahead), ahead])
         right, up, depth = axes @ (points - camera.eye).T
         scale = height / 2 / math.tan(math.radians(22.5)) / depth

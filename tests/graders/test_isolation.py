@@ -61,6 +61,10 @@ def read_process(path):
         return ""
 
 
+def is_running(pid):
+    return read_process(f"{pid}/stat").rpartition(")")[2].split()[:1] not in ([], ["Z"])
+
+
 def workers_of(pid):
     paths = Path(f"/proc/{pid}/task").glob("*/children")
     children = [int(word) for path in paths for word in read_process(path).split()]
@@ -115,7 +119,7 @@ def test_a_signal_ends_all_in_one_line(tmp_path):
     found = wait_for(lambda: len(some := workers_of(process.pid)) == 2 and some)
     said = "grade.py: stopped with 0 of 3 graded; --resume continues"
     assert stopped(process, tmp_path / "out", signal.SIGINT) == (130, said, 0)
-    wait_for(lambda: not re.findall(r"\) [^Z]", "".join(read_process(f"{k}/stat") for k in found)))
+    wait_for(lambda: not any(map(is_running, found)))
     assert not list(tmp_path.glob("running-*"))
 
 

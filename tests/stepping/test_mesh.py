@@ -103,29 +103,40 @@ def test_states_in_tables_are_those_of_a_loop_whatever_a_caller_does():
     rng = np.random.default_rng(11)
     ones, many = boxes(6), boxes(6)
 
-    acts = {
-        "assign": lambda m, name, x: setattr(m, name, x * (1.0 / np.linalg.norm(x))),
-        "add": lambda m, name, x: name == "orientation" or getattr(m, name).__iadd__(x),
-        "fix": lambda m, _, x: setattr(m, "isFixed", not m.isFixed),
-        "halve": lambda m, _, x: m.invIT.__imul__(0.5),
-        "grow": lambda m, _, x: m.vertex_at(0.01 * x[0, :3]),
-        "drive": lambda m, _, x: m.set_force(x[0, :3], -x[0, :3]),
-    }
+    def assign(mesh, name, value):
+        setattr(mesh, name, value * (1.0 / np.linalg.norm(value)))
+
+    def add(mesh, name, value):
+        if name != "orientation":
+            getattr(mesh, name)[:] += value
+
+    def fix(mesh, name, value):
+        mesh.isFixed = not mesh.isFixed
+
+    def halve(mesh, name, value):
+        mesh.invIT[:] *= 0.5
+
+    def grow(mesh, name, value):
+        mesh.vertex_at(0.01 * value[0, :3])
+
+    def drive(mesh, name, value):
+        mesh.set_force(value[0, :3], -value[0, :3])
+
     done = set()
     for _ in range(120):
-        change, name = rng.choice([*acts]), rng.choice(oracles.STATE)
+        change, name = rng.choice((assign, add, fix, halve, grow, drive)), rng.choice(oracles.STATE)
         value, k = rng.normal(size=(1, 4 if name == "orientation" else 3)), rng.integers(6)
         copies = [copy.copy(many[k]), copy.deepcopy(many[k]), pickle.loads(pickle.dumps(many[k]))]
         before, order = many[k].position.copy(), rng.permutation(6)[: rng.choice((0, 0, 3, 6))]
         for meshes, options in ((ones, {}), (many, {"contactScheduling": "batches"})):
-            acts[change](meshes[k], name, value)
+            change(meshes[k], name, value)
             stepped([meshes[b] for b in order], **options)
             stepped(meshes, **options)
         done.add((change, name))
         for one, other in zip(ones, many, strict=True):
             for attribute in rng.permutation((*oracles.STATE, "currVertices"))[: rng.integers(6)]:
                 assert np.array_equal(getattr(one, attribute), getattr(other, attribute))
-        assert all(np.array_equal(mesh.position, before) for mesh in copies) or change == "add"
+        assert all(np.array_equal(mesh.position, before) for mesh in copies) or change is add
     assert len(done) > 20
 
 
