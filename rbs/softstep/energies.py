@@ -102,7 +102,8 @@ def bounded_share(motion, touching, normal, tied, rate, infeasible):
     left = np.maximum(limit - own, 0.0) / np.maximum(energy - own, TINY)
     shrink = np.sqrt(np.where(isSlowed, left, 1.0))[island]
     velocity = free + share[:-1] * (velocity - free)
-    motion.velocity[:, :-1] = frame + along + shrink * (velocity - along)
+    velocity = frame + along + shrink * (velocity - along)
+    np.copyto(motion.velocity[:, :-1], velocity, where=isOver[island])
     return share
 
 

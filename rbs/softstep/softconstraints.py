@@ -88,7 +88,7 @@ class SoftConstraints:
         self._places = (self._column + len(motion.invMass) * np.arange(6)[:, None]).ravel()
         isMoving = motion.invMass[self._column] > 0.0
         given = self._column.tobytes(), isMoving.tobytes()
-        self.ends, self.rows, self._order = _paired(*given)
+        self.ends, self.rows, self._order, self._island, self._tied = _paired(*given)
         # the first pull counts as one that lasts, or light links would fly off
         self._last, lasting = self.impulse[:2, some]
         self.pulls = np.where(self._last < np.inf, self._last, 0.0)
@@ -149,8 +149,8 @@ class SoftConstraints:
         not add up.
         """
         self._rotation = np.array(multiply(quaternions(change[3:]), self._rotation))
-        motion.shift += change[:3]
-        motion.turn[:] = rotation_vectors(self._rotation)
+        motion.displacement += change
+        motion.turn[:, self._tied] = rotation_vectors(take(self._rotation, self._tied, 1))
 
     def _stiffen(self, motion):
         """Adds to the masses and inertias of light bodies that strong pulls would move too fast.
@@ -188,7 +188,7 @@ class SoftConstraints:
             answer = self._answer(self.gap == 0.0, self.C, ROUNDING)
             self._move(motion, self._changes(motion, answer))
             self._update(motion, self._lasting)
-            isLeft = isOff & (np.abs(self.C) > most)
+            isLeft = isOff & (np.abs(self.C) > most) & self._greatest(isLeft)
         motion.displacement[:] = begin
         return self.columns[:, isLeft]
 
@@ -200,14 +200,16 @@ class SoftConstraints:
         """
         h, isNear = self.h, np.abs(self.gap) <= TOLERANCE * self.length
         isPulling = self.pulls != 0.0
-        self.pulls, error = np.zeros(self.count), self._predicted(motion)
+        self.pulls, error, isLeft = np.zeros(self.count), self._predicted(motion), True
         for _ in range(SWEEPS):
-            self._solve(motion, error / h, isPulling, isNear)
+            self._solve(motion, error / h, isPulling, isNear, isLeft)
             isPulling, before = self.pulls != 0.0, self._most(error)
-            if before <= TOLERANCE:  # so is what is left
+            if (before <= TOLERANCE).all():  # so is what is left
                 break
             error = self._predicted(motion)
-            if not TOLERANCE < self._most(error) < 0.5 * before:
+            most = self._most(error)
+            isLeft = isLeft & (most > TOLERANCE) & (most < 0.5 * before)
+            if not isLeft.any():
                 break
         speed = (self.C / h).clip(-self.pushSpeed, self.pushSpeed)
         pushed = self._changes(motion, self._answer(self.isOff, speed, SOFTNESS))
@@ -215,8 +217,14 @@ class SoftConstraints:
         return pushed
 
     def _most(self, error):
-        """Largest error (K,) of what pulls, as a fraction of its lever."""
-        return (np.abs(error) / self.lever)[self.pulls != 0.0].max(initial=0.0)
+        """Largest errors (K,) of what pulls in each island, as fractions of levers."""
+        return self._greatest((self.pulls != 0.0) * np.abs(error) / self.lever)
+
+    def _greatest(self, x):
+        """Greatest x (K,) in the island of each equation."""
+        most = np.zeros_like(x)
+        np.maximum.at(most, self._island, x)
+        return take(most, self._island)
 
     def _predicted(self, motion):
         """Errors (K,) at the end of the substep, along the directions d at its start: to the circle
@@ -243,7 +251,7 @@ class SoftConstraints:
         self._last = np.maximum(size, np.sqrt(self._summed(self.pulls**2)))
         self.impulse[:2, self.movable] = self._last, self._lasting
 
-    def _solve(self, motion, error, isActive, isNear=False):
+    def _solve(self, motion, error, isActive, isNear=False, isLeft=True):
         """Changes pulls and velocities so that no speed exceeds its bound.
 
         error : (K,), by how much speeds exceed their bounds
@@ -253,13 +261,14 @@ class SoftConstraints:
         Active constraints are equations. Those whose impulse would have the wrong sign leave, and
         those whose bound would be exceeded join in, until there are none.
         """
-        least = TOLERANCE * np.abs(error).max()
+        least = np.where(isLeft, TOLERANCE * self._greatest(np.abs(error)), np.inf)
         isActive = isActive | ((-error).clip(self.lowest, self.highest) == -error)
         before = self._changes(motion, self.pulls)
         free = error - self._speeds(before)
         for _ in range(SWEEPS):
             answer = self._answer(isActive, free, ROUNDING)
             wanted, isMissing = answer.clip(self.lowest, self.highest), ~isActive
+            wanted = np.where(isLeft, wanted, self.pulls)
             isWrong = self.response * np.abs(wanted - answer) > least
             change = self._changes(motion, wanted)
             if isMissing.any():
@@ -267,7 +276,7 @@ class SoftConstraints:
                 isMissing &= np.abs(left.clip(self.lowest, self.highest)) > least
             if not (isWrong | isMissing).any():
                 break
-            isActive = (isActive & ~isWrong) | isMissing | (isNear & isMissing.any())
+            isActive = (isActive & ~isWrong) | isMissing | (isNear & self._greatest(isMissing))
             isNear = False
         motion.velocity += change - before
         self.pulls = wanted
@@ -322,7 +331,8 @@ def _paired(columns, isMoving):
     order = csgraph.reverse_cuthill_mckee(shared, True)
     place = order.argsort()[rows]
     some = indices(place[0] >= place[1])
-    return take(ends, some, 1), take(rows, some, 1), order
+    island = csgraph.connected_components(shared, directed=False)[1].astype(np.intp)
+    return take(ends, some, 1), take(rows, some, 1), order, island, bodies
 
 
 def pair_numbers(ends):
