@@ -616,6 +616,19 @@ def swinging(engine, *chains, seconds=4.0, steps=(TIME_STEP,), substeps=(6,), ad
     return shares[-1].min(), shares.max()
 
 
+def accompanied(engine, *worlds, seconds=1.0):
+    """By how many metres the bodies of the first of these `(meshes, constraints)` are elsewhere in
+    the end if the others are in the scene, too, far away.
+    """
+    ends, (first, _) = [], worlds[0]
+    for some in (worlds[:1], worlds):
+        meshes, ties = linked_in_lanes(*copy.deepcopy(some))
+        settings = HANGING | {"linkedBodiesCollide": False, "constraints": ties}
+        run(engine, meshes, seconds, **settings)
+        ends.append([mesh.position for mesh in meshes[: len(first)]])
+    return np.abs(np.subtract(*ends)).max()
+
+
 def spinning(engine, links, ties, speed, seconds, **settings):
     """Energy and angular momentum that linked cubes or octahedra of one mass, which turn freely
     about their centre, have left.
