@@ -280,7 +280,7 @@ class SoftContacts(PlacedManifolds):
         some = indices(self.total.any(axis=0))
         smooth = self.normal * ~self.total[POINTS:].any(axis=0)
         given = take(self.ends, some, 1), take(smooth, some, 1), distances.columns, distances.rate
-        share = bounded_share(motion, *given, distances.unmet(motion))
+        share = bounded_share(motion, *given, distances.columns[:, distances.isInfeasible])
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck, isPressed, isTouching):

@@ -33,7 +33,7 @@ def bounded_share(motion, touching, normal, tied, rate, infeasible):
     takes it. Islands on which torques work, or bounds that change, or supports that move
     differently, are left alone, and so are those that constraints alone join, if they gain less
     than the fraction ROUNDED. Of bodies that infeasible ones join, half of the energy counts, and
-    none of gravity's work: they come to rest.
+    no work: they come to rest, or move with the mean of their supports.
 
     Returns the share (m + 1,) of each body's impulses that is left.
 
@@ -62,7 +62,8 @@ def bounded_share(motion, touching, normal, tied, rate, infeasible):
 
     some, held, frame, isWorked = _supports(motion, links, mass, island, count)
     driven, halved = (ends[ends < count] for ends in (tied[:, rate != 0.0], infeasible))
-    isWorked[np.setdiff1d(island[driven], island[halved])] = True
+    isWorked[island[driven]] = True
+    isWorked[island[halved]] = False
     normal = np.concatenate((normal, np.zeros((3, len(tied[0])))), axis=1)
     normal = take(normal, some, axis=1)  # of what islands rest on
     frame, rests = take(frame, island, axis=1), np.bincount(held, minlength=count) > 0
@@ -124,7 +125,7 @@ def _supports(motion, links, mass, island, count):
 
     some, held : (K,), links of which one end is still or moves by itself, and the islands of the
         other ends, which rest on it
-    frame : velocities of what islands rest on, or of their centres of mass
+    frame : mean velocities of what islands rest on, or of their centres of mass
     isWorked : whether torques work on one, or its supports turn, or move differently
     """
     isStill = motion.invMass[links] == 0.0
@@ -135,8 +136,10 @@ def _supports(motion, links, mass, island, count):
     frame, total = np.zeros((6, count)), np.maximum(np.bincount(island, mass, count), TINY)
     frame[:3] = [np.bincount(island, mass * v, count) / total for v in motion.begin[:3, :-1]]
     frame[:, held] = support
+    apart, number = support - frame[:, held], np.maximum(np.bincount(held, minlength=count), 1)
     isWorked = np.bincount(island, motion.spinUp[:, :-1].any(axis=0), count) > 0.0
-    isWorked[held[(support != frame[:, held]).any(axis=0) | support[3:].any(axis=0)]] = True
+    isWorked[held[apart.any(axis=0) | support[3:].any(axis=0)]] = True
+    frame += [np.bincount(held, v, count) / number for v in apart]
     return some, held, frame, isWorked
 
 

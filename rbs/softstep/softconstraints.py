@@ -20,9 +20,9 @@ from rbs.stepping.constraints import ConstraintRows
 from rbs.stepping.flight import quaternions, rotated, rotation_vectors
 from rbs.stepping.kernels import distance_error
 
-# Softness of pushes, as a fraction of each constraint's own response: where infeasible ones push
-# against each other, bodies move across them by the error over the softness. With less, they
-# tremble; with more, the heavy end of a chain is drawn up more slowly, and the chain gives way.
+# Softness of pushes, and of infeasible constraints, as a fraction of each one's own response: where
+# they push against each other, bodies move across them by the error over the softness. With less,
+# they tremble; with more, the heavy end of a chain is drawn up more slowly, and it gives way.
 SOFTNESS = 0.1
 # Greatest length of a joint, as a fraction of the lesser radius. With less, pulls turn short bars
 # by radians in a substep, which takes energy; with more, the directions that joints keep show.
@@ -54,7 +54,8 @@ class SoftConstraints:
     columns : (2, K), of `Motion`; response : (K,), diagonal of A, on average over a pair
     length, lever : (K,), L, or the part along d, and what errors are compared with; isOff : (K,)
     C, gap : (K,), L minus its bound if violated, and if not, or else 0
-    rate : (K,), speed with which this bound changes
+    rate : (K,), speed with which this bound changes; isInfeasible : (K,), in islands that have none
+        or too few positions that meet all bounds
     ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the equations that have them
     """
 
@@ -73,6 +74,7 @@ class SoftConstraints:
         self.count, self.visits, self.h, self._left = len(some), 0, h, motion.timeStep
         self.columns, self.share, self.isJoint = columns[:, some], 1.0 / parts[some], isJoint[some]
         self._rates, self.rate = rates[:, some] * ~self.isJoint, np.zeros(self.count)
+        self.isInfeasible = np.zeros(self.count, dtype=bool)
         if self.count == 0:
             return
         bodies, vertices, bounds = bodies[:, some], vertices[:, some], key[4:, some]
@@ -96,6 +98,7 @@ class SoftConstraints:
             lasting = np.maximum(lasting, self.pulls)
         self._free, self._lasting = motion.inverse.copy(), np.zeros(self.count)
         self._update(motion, lasting)
+        self.isInfeasible = self._infeasible(motion)
 
     def _update(self, motion, pull):
         """Updates distances, bounds, J, and responses for the present poses, and masses and
@@ -174,23 +177,27 @@ class SoftConstraints:
             more = np.eye(3)[..., None] * (turning[some] - 1.0 / inertia.trace())
             motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
-    def unmet(self, motion):
-        """Columns (2, I) of `Motion` that constraints join whose errors Newton's method does not
-        halve. The constraints are left at the poses at which it ended.
+    def _infeasible(self, motion):
+        """Which constraints (K,) belong to an island of which some are infeasible: with supports and
+        bounds as they are when the step ends, Newton's method leaves errors.
         """
-        if self.count == 0:
-            return self.columns
-        begin, most, isOff = motion.displacement.copy(), 0.5 * np.abs(self.C), self.isOff
-        isLeft = isOff
+        ahead = motion.timeStep * motion.rates() * (motion.invMass == 0.0)
+        if not (self.isOff.any() or ahead.any() or self._rates.any()):
+            return self.isOff
+        begin, self._left = motion.displacement.copy(), 0.0
+        self._move(motion, ahead)
+        self._update(motion, self._lasting)
         for _ in range(SWEEPS):
-            if not isLeft.any():
+            if not self.isOff.any():
                 break
             answer = self._answer(self.gap == 0.0, self.C, ROUNDING)
             self._move(motion, self._changes(motion, answer))
             self._update(motion, self._lasting)
-            isLeft = isOff & (np.abs(self.C) > most) & self._greatest(isLeft)
-        motion.displacement[:] = begin
-        return self.columns[:, isLeft]
+        isLeft = self._greatest(self.isOff)
+        motion.displacement[:], self._left = begin, motion.timeStep
+        self._rotation = quaternions(motion.turn)
+        self._update(motion, self._lasting)
+        return isLeft
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
@@ -263,10 +270,11 @@ class SoftConstraints:
         """
         least = np.where(isLeft, TOLERANCE * self._greatest(np.abs(error)), np.inf)
         isActive = isActive | ((-error).clip(self.lowest, self.highest) == -error)
+        softness = np.where(self.isInfeasible, SOFTNESS, ROUNDING)
         before = self._changes(motion, self.pulls)
         free = error - self._speeds(before)
         for _ in range(SWEEPS):
-            answer = self._answer(isActive, free, ROUNDING)
+            answer = self._answer(isActive, free, softness)
             wanted, isMissing = answer.clip(self.lowest, self.highest), ~isActive
             wanted = np.where(isLeft, wanted, self.pulls)
             isWrong = self.response * np.abs(wanted - answer) > least
@@ -287,7 +295,8 @@ class SoftConstraints:
         answer, count = np.zeros(self.count), len(order)
         if count == 0:
             return answer
-        key = isActive.tobytes(), softness
+        softness = (softness * self.response)[order]
+        key = isActive.tobytes(), softness.tobytes()
         if key not in self._factors:
             place = np.empty(self.count, dtype=np.intp)
             place[order] = np.arange(count)
@@ -295,10 +304,10 @@ class SoftConstraints:
             i, j = place[take(self.rows, some, 1)]
             width, place, info = int((i - j).max()) + 1, (i - j) * count + j, 1
             band = np.bincount(place, self.A[some], width * count).reshape(width, count)
-            while info and softness < np.inf:  # indefinite by rounding, as of a needle
-                band[0] += softness * self.response[order]
+            while info and (softness < np.inf).all():  # indefinite by rounding, as of a needle
+                band[0] += softness
                 self._factors[key], info = dpbtrf(band, lower=True)
-                softness *= 10.0
+                softness = 10.0 * softness
             self.visits += count
         answer[order], _ = dpbtrs(self._factors[key], -speed[order], lower=True)
         return answer
