@@ -413,7 +413,7 @@ def stack_falls(engine, sleeping, count=20, how="moved aside"):
 
 
 def thrown(meshes, velocity):
-    return meshes, lambda mesh: throw(mesh, velocity)
+    return meshes, lambda meshes: throw(meshes[0], velocity)
 
 
 def seesaw():
@@ -429,13 +429,18 @@ def row_hit(count, speed):
 
 def row_rolled_at(count):
     ball = above(shapes.sphere(0.5, 1.0, (-2, 0, 0)))
-    return [ball, *(box(k) for k in range(count))], lambda ball: throw(ball, (3, 0, 0), (0, 0, -6))
+    meshes = [ball, *(box(k) for k in range(count))]
+    return meshes, lambda meshes: throw(meshes[0], (3, 0, 0), (0, 0, -6))
 
 
-def row_pushed(count, acceleration=0.5):
-    meshes = [box(k) for k in range(count)]
-    load = (acceleration * count * meshes[0].mass, *np.zeros(5))
-    return meshes, lambda mesh: setattr(mesh, "load", load)
+def row_pushed(count, acceleration=0.5, pushed=1):
+    """Forces on the first `pushed` boxes."""
+
+    def push(meshes):
+        for mesh in meshes[:pushed]:
+            mesh.load = (acceleration * count / pushed * mesh.mass, *np.zeros(5))
+
+    return [box(k) for k in range(count)], push
 
 
 def asleep(engine, make, *arguments, seconds, e=0.0, mu=0.0):
@@ -447,7 +452,7 @@ def asleep(engine, make, *arguments, seconds, e=0.0, mu=0.0):
     for sleeping in (True, False):
         world = copy.deepcopy(settled)
         world.meshes[0].isFixed = False
-        act(world.meshes[0])
+        act(world.meshes)
         world.settings["sleeping"], world.arguments = sleeping, (TIME_STEP, e)
         for _ in range(round(seconds / TIME_STEP)):
             world.step()
