@@ -22,7 +22,7 @@ import numpy as np
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import cross, dot, find_sorted, indices, norm, take, vec_mat
 from rbs.softstep.contacts import SLEEP_SECONDS
-from rbs.softstep.manifolds import ROUNDING, PlacedManifolds
+from rbs.softstep.manifolds import PlacedManifolds
 from rbs.softstep.rows import reached
 
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
@@ -179,8 +179,7 @@ def unloaded(step, frames, state, gravity, manifolds, isDisturbed, isBereft):
     fall = np.where(isStill, 0.0, frames.timeStep * np.reshape(step.gravity, (3, 1)))
     velocity = frames.velocity[:3] + fall
     way = take(velocity, placed.second, axis=1) - take(velocity, placed.first, axis=1)
-    rounding = ROUNDING * frames.timeStep * norm(gravity)
-    isLeaving = isStill[lower] & (dot(way, placed.normal) > rounding)
+    isLeaving = isStill[lower] & (dot(way, placed.normal) > 0.0)
     isLoaded = manifolds.impulse.any(axis=0) & (along != 0.0)
     isLeft[upper[isLoaded & isLeaving]] = True
     isHeld = isStill.copy()
