@@ -111,8 +111,8 @@ class SoftContacts(PlacedManifolds):
         self.system.let_slide(np.where(self._may_slide(), least, 0.0))
         isUneven, loads = self._weighed(self._inverse[0], motion)
         self.most = (1.0 - KEPT) * loads * self.weight
-        # impulses of shorter substeps are a wrong start, which one sweep would leave
-        self.isUneven = isUneven | (ratio > 1.0)
+        # impulses of other substeps are a wrong start, which one sweep would leave
+        self.isUneven = isUneven | (ratio != 1.0)
         # in every substep, constraints may pull down again what one sweep has stopped
         isTied = (take(frames.tiedReach, ends[:, self.rows]) > 0.0).any(axis=0)
         self.sinkSpeed = np.where(isTied, self.fallSpeed, FLUSH * radius / h)
@@ -223,7 +223,9 @@ class SoftContacts(PlacedManifolds):
         """Removes the velocity added by the springs."""
         bias = np.maximum(self.separation, 0.0) / self.h
         self._sweep(bias)
-        self._go_on(motion, self.isUneven, bias)
+        if self.isUneven.any():
+            self.apply(motion)
+            self._go_on(motion, self.isUneven, bias)
         self.total += self.impulse
         self.system.turn()
 
@@ -244,10 +246,9 @@ class SoftContacts(PlacedManifolds):
         if not isPart.any():
             return
         part = PartRows(self.system, isPart, self.isPoint, motion, self.system.leastSlip)
-        self.apply(motion)
         self.impulse = part.converged(motion, self.impulse, self.tolerance, *terms)
         self.system.applied[:, part.some] += part.applied
-        self.measure(motion)
+        self.speed = self.system.speeds(motion)
 
     def impact(self, motion, CRCoeff, distances):
         """Solves the blows of the step, and bounds the energy that it has added.
