@@ -54,8 +54,8 @@ class SoftConstraints:
     columns : (2, K), of `Motion`; response : (K,), diagonal of A, on average over a pair
     length, lever : (K,), L, or the part along d, and what errors are compared with; isOff : (K,)
     C, gap : (K,), L minus its bound if violated, and if not, or else 0
-    rate : (K,), speed with which this bound changes; isInfeasible : (K,), in islands that have none
-        or too few positions that meet all bounds
+    rate : (K,), speed with which this bound changes; isInfeasible : (K,), of islands in
+        which some bound cannot be met, see `_infeasible`
     ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the equations that have them
     """
 
@@ -178,7 +178,7 @@ class SoftConstraints:
             motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
     def _infeasible(self, motion):
-        """Which constraints (K,) belong to an island of which some are infeasible: with supports and
+        """Which constraints (K,) are in an island of which some are infeasible: with supports and
         bounds as they are when the step ends, Newton's method leaves errors.
         """
         ahead = motion.timeStep * motion.rates() * (motion.invMass == 0.0)

@@ -690,12 +690,16 @@ def taut(engine, percent, *axes, density=1.0, velocity=(0, 0, 0), spin=(0, 0, 0)
     return tied(engine, mesh, directions, lambda apart: apart / (1 + percent / 100), **more)
 
 
-def tied(engine, mesh, directions, length_of, seconds=2.0, rigid=False):
-    """Speed and spin of a body that is tied; length_of : of the distance at the start"""
+def tied(engine, mesh, directions, length_of, seconds=2.0, rigid=False, parting=0.0):
+    """Speed and spin of a body that is tied; length_of : of the distance at the start
+
+    parting : m/s, speed at which each anchor moves away
+    """
     meshes, ties = [mesh], []
     for k, way in enumerate(np.array(directions, dtype=float), 1):
         place = mesh.position[0] + 5 * way / np.linalg.norm(way)
-        meshes.append(box(*place, (0.2, 0.2, 0.2), isFixed=True))
+        anchor = box(*place, (0.2, 0.2, 0.2), isFixed=True)
+        meshes.append(throw(anchor, parting * way / np.linalg.norm(way)))
         own = farthest(mesh, (0.01, 0.02, 0.03) + way)
         anchor = farthest(meshes[k], (0.01, 0.02, 0.03) - way)
         length = length_of(np.linalg.norm(mesh.currVertices[own] - meshes[k].currVertices[anchor]))
