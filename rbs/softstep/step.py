@@ -19,7 +19,7 @@ and Box2D v3 call this method soft step:
 
 The first sweep goes on while a point would sink far, or on a linked body, faster than gravity makes
 it in a step. Both go on until they converge where masses are uneven, and in a step whose substeps
-are longer than the last one's.
+are longer or shorter than the last one's.
 """
 
 import numpy as np
