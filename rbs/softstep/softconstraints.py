@@ -179,7 +179,7 @@ class SoftConstraints:
 
     def _infeasible(self, motion):
         """Which constraints (K,) are in an island of which some are infeasible: with supports and
-        bounds as they are when the step ends, Newton's method leaves errors.
+        bounds as they are when the step ends, Newton's method leaves errors, and over half of them.
         """
         ahead = motion.timeStep * motion.rates() * (motion.invMass == 0.0)
         if not (self.isOff.any() or ahead.any() or self._rates.any()):
@@ -187,13 +187,15 @@ class SoftConstraints:
         begin, self._left = motion.displacement.copy(), 0.0
         self._move(motion, ahead)
         self._update(motion, self._lasting)
+        most = 0.5 * np.bincount(self._island, np.abs(self.C))
         for _ in range(SWEEPS):
             if not self.isOff.any():
                 break
             answer = self._answer(self.gap == 0.0, self.C, ROUNDING)
             self._move(motion, self._changes(motion, answer))
             self._update(motion, self._lasting)
-        isLeft = self._greatest(self.isOff)
+        isHeld = np.bincount(self._island, np.abs(self.C)) <= most
+        isLeft = self._greatest(self.isOff) & ~isHeld[self._island]
         motion.displacement[:], self._left = begin, motion.timeStep
         self._rotation = quaternions(motion.turn)
         self._update(motion, self._lasting)
