@@ -111,7 +111,7 @@ class SoftContacts(PlacedManifolds):
         self.system.let_slide(np.where(self._may_slide(), least, 0.0))
         isUneven, loads = self._weighed(self._inverse[0], motion)
         self.most = (1.0 - KEPT) * loads * self.weight
-        # impulses of other substeps are a wrong start, which one sweep would leave
+        # impulses of longer or shorter substeps are a wrong start, which one sweep would leave
         self.isUneven = isUneven | (ratio != 1.0)
         # in every substep, constraints may pull down again what one sweep has stopped
         isTied = (take(frames.tiedReach, ends[:, self.rows]) > 0.0).any(axis=0)
@@ -242,7 +242,9 @@ class SoftContacts(PlacedManifolds):
         return (isBody & (motion.invMass > 0.0))[self.ends].any(axis=0)
 
     def _go_on(self, motion, isPart, *terms):
-        """Goes on with the manifolds isPart (M,) until their errors are within `tolerance`."""
+        """Goes on with the manifolds isPart (M,), once all impulses are applied, until their errors
+        are within `tolerance`.
+        """
         if not isPart.any():
             return
         part = PartRows(self.system, isPart, self.isPoint, motion, self.system.leastSlip)

@@ -136,6 +136,7 @@ def _supports(motion, links, mass, island, count):
     frame, total = np.zeros((6, count)), np.maximum(np.bincount(island, mass, count), TINY)
     frame[:3] = [np.bincount(island, mass * v, count) / total for v in motion.begin[:3, :-1]]
     frame[:, held] = support
+    # their mean, and to the bit where all have the same
     apart, number = support - frame[:, held], np.maximum(np.bincount(held, minlength=count), 1)
     isWorked = np.bincount(island, motion.spinUp[:, :-1].any(axis=0), count) > 0.0
     isWorked[held[apart.any(axis=0) | support[3:].any(axis=0)]] = True

@@ -54,8 +54,8 @@ class SoftConstraints:
     columns : (2, K), of `Motion`; response : (K,), diagonal of A, on average over a pair
     length, lever : (K,), L, or the part along d, and what errors are compared with; isOff : (K,)
     C, gap : (K,), L minus its bound if violated, and if not, or else 0
-    rate : (K,), speed with which this bound changes; isInfeasible : (K,), of islands in
-        which some bound cannot be met, see `_infeasible`
+    rate : (K,), speed with which this bound changes
+    isInfeasible : (K,), those of islands in which some bounds cannot be met
     ends, rows : (2, P), pairs of ends (2 K,) on one moving body, and the equations that have them
     """
 
@@ -178,8 +178,8 @@ class SoftConstraints:
             motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
     def _infeasible(self, motion):
-        """Which constraints (K,) are in an island of which some are infeasible: with supports and
-        bounds as they are when the step ends, Newton's method leaves errors, and over half of them.
+        """`isInfeasible`: with supports and bounds as they are when the step ends, Newton's method
+        leaves errors, and more than half of their sum over the island.
         """
         ahead = motion.timeStep * motion.rates() * (motion.invMass == 0.0)
         if not (self.isOff.any() or ahead.any() or self._rates.any()):
@@ -194,12 +194,12 @@ class SoftConstraints:
             answer = self._answer(self.gap == 0.0, self.C, ROUNDING)
             self._move(motion, self._changes(motion, answer))
             self._update(motion, self._lasting)
-        isHeld = np.bincount(self._island, np.abs(self.C)) <= most
-        isLeft = self._greatest(self.isOff) & ~isHeld[self._island]
+        isOver = np.bincount(self._island, np.abs(self.C)) > most
+        found = self._greatest(self.isOff) & isOver[self._island]
         motion.displacement[:], self._left = begin, motion.timeStep
         self._rotation = quaternions(motion.turn)
         self._update(motion, self._lasting)
-        return isLeft
+        return found
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
@@ -209,16 +209,16 @@ class SoftConstraints:
         """
         h, isNear = self.h, np.abs(self.gap) <= TOLERANCE * self.length
         isPulling = self.pulls != 0.0
-        self.pulls, error, isLeft = np.zeros(self.count), self._predicted(motion), True
+        self.pulls, error, mayChange = np.zeros(self.count), self._predicted(motion), True
         for _ in range(SWEEPS):
-            self._solve(motion, error / h, isPulling, isNear, isLeft)
+            self._solve(motion, error / h, isPulling, isNear, mayChange)
             isPulling, before = self.pulls != 0.0, self._most(error)
             if (before <= TOLERANCE).all():  # so is what is left
                 break
             error = self._predicted(motion)
             most = self._most(error)
-            isLeft = isLeft & (most > TOLERANCE) & (most < 0.5 * before)
-            if not isLeft.any():
+            mayChange = mayChange & (most > TOLERANCE) & (most < 0.5 * before)
+            if not mayChange.any():
                 break
         speed = (self.C / h).clip(-self.pushSpeed, self.pushSpeed)
         pushed = self._changes(motion, self._answer(self.isOff, speed, SOFTNESS))
@@ -260,17 +260,18 @@ class SoftConstraints:
         self._last = np.maximum(size, np.sqrt(self._summed(self.pulls**2)))
         self.impulse[:2, self.movable] = self._last, self._lasting
 
-    def _solve(self, motion, error, isActive, isNear=False, isLeft=True):
+    def _solve(self, motion, error, isActive, isNear=False, mayChange=True):
         """Changes pulls and velocities so that no speed exceeds its bound.
 
         error : (K,), by how much speeds exceed their bounds
         isActive, isNear : (K,), constraints that are tried first, and once one is missing: a whole
             chain begins to pull at once
+        mayChange : (K,), of islands whose pulls may change; others keep theirs
 
         Active constraints are equations. Those whose impulse would have the wrong sign leave, and
         those whose bound would be exceeded join in, until there are none.
         """
-        least = np.where(isLeft, TOLERANCE * self._greatest(np.abs(error)), np.inf)
+        least = np.where(mayChange, TOLERANCE * self._greatest(np.abs(error)), np.inf)
         isActive = isActive | ((-error).clip(self.lowest, self.highest) == -error)
         softness = np.where(self.isInfeasible, SOFTNESS, ROUNDING)
         before = self._changes(motion, self.pulls)
@@ -278,7 +279,7 @@ class SoftConstraints:
         for _ in range(SWEEPS):
             answer = self._answer(isActive, free, softness)
             wanted, isMissing = answer.clip(self.lowest, self.highest), ~isActive
-            wanted = np.where(isLeft, wanted, self.pulls)
+            wanted = np.where(mayChange, wanted, self.pulls)
             isWrong = self.response * np.abs(wanted - answer) > least
             change = self._changes(motion, wanted)
             if isMissing.any():
@@ -292,7 +293,10 @@ class SoftConstraints:
         self.pulls = wanted
 
     def _answer(self, isActive, speed, softness):
-        """Impulses (K,) of active rows that stop speeds u (K,): (A + softness diag A) λ = -u"""
+        """Impulses (K,) of active rows that stop speeds u (K,): (A + softness diag A) λ = -u
+
+        softness : a number, or (K,)
+        """
         order = self._order[isActive[self._order]]
         answer, count = np.zeros(self.count), len(order)
         if count == 0:
@@ -304,12 +308,13 @@ class SoftConstraints:
             place[order] = np.arange(count)
             some = indices(isActive[self.rows].all(axis=0))
             i, j = place[take(self.rows, some, 1)]
-            width, place, info = int((i - j).max()) + 1, (i - j) * count + j, 1
+            width, place = int((i - j).max()) + 1, (i - j) * count + j
             band = np.bincount(place, self.A[some], width * count).reshape(width, count)
-            while info and (softness < np.inf).all():  # indefinite by rounding, as of a needle
-                band[0] += softness
+            info, scale = 1, 1.0
+            while info and scale < np.inf:  # indefinite by rounding, as of a needle
+                band[0] += scale * softness
                 self._factors[key], info = dpbtrf(band, lower=True)
-                softness = 10.0 * softness
+                scale *= 10.0
             self.visits += count
         answer[order], _ = dpbtrs(self._factors[key], -speed[order], lower=True)
         return answer
@@ -329,8 +334,9 @@ class SoftConstraints:
 
 @lru_cache(maxsize=8)
 def _paired(columns, isMoving):
-    """`(ends, rows, order)`: those of `SoftConstraints`, and an order (K,) in which constraints are
-    near each other that share a body. From the bytes of the columns of all ends, and which move.
+    """`(ends, rows, order, island, bodies)`: those of `SoftConstraints`; an order (K,) in which
+    constraints are near each other that share a body; the island (K,) of each; and the columns that
+    they join. From the bytes of the columns of all ends, and which move.
     """
     columns, isMoving = np.frombuffer(columns, np.intp), np.frombuffer(isMoving, bool)
     count, end = len(columns) // 2, indices(isMoving)

@@ -412,8 +412,8 @@ def stack_falls(engine, sleeping, count=20, how="moved aside"):
     return track[249] - track[-1]
 
 
-def thrown(meshes, velocity):
-    return meshes, lambda meshes: throw(meshes[0], velocity)
+def thrown(meshes, *velocities):
+    return meshes, lambda meshes: throw(meshes[0], *velocities)
 
 
 def seesaw():
@@ -429,8 +429,7 @@ def row_hit(count, speed):
 
 def row_rolled_at(count):
     ball = above(shapes.sphere(0.5, 1.0, (-2, 0, 0)))
-    meshes = [ball, *(box(k) for k in range(count))]
-    return meshes, lambda meshes: throw(meshes[0], (3, 0, 0), (0, 0, -6))
+    return thrown([ball, *(box(k) for k in range(count))], (3, 0, 0), (0, 0, -6))
 
 
 def row_pushed(count, acceleration=0.5, pushed=1):
@@ -628,8 +627,7 @@ def accompanied(engine, *worlds, seconds=1.0):
     ends, (first, _) = [], worlds[0]
     for some in (worlds[:1], worlds):
         meshes, ties = linked_in_lanes(*copy.deepcopy(some))
-        settings = HANGING | {"linkedBodiesCollide": False, "constraints": ties}
-        run(engine, meshes, seconds, **settings)
+        run(engine, meshes, seconds, constraints=ties, linkedBodiesCollide=False, **HANGING)
         ends.append([mesh.position for mesh in meshes[: len(first)]])
     return np.abs(np.subtract(*ends)).max()
 
@@ -691,15 +689,14 @@ def taut(engine, percent, *axes, density=1.0, velocity=(0, 0, 0), spin=(0, 0, 0)
 
 
 def tied(engine, mesh, directions, length_of, seconds=2.0, rigid=False, parting=0.0):
-    """Speed and spin of a body that is tied; length_of : of the distance at the start
-
-    parting : m/s, speed at which each anchor moves away
+    """Speed and spin of a body that is tied to anchors that move away at the speed `parting`, m/s.
+    length_of : of the distance at the start
     """
     meshes, ties = [mesh], []
     for k, way in enumerate(np.array(directions, dtype=float), 1):
         place = mesh.position[0] + 5 * way / np.linalg.norm(way)
-        anchor = box(*place, (0.2, 0.2, 0.2), isFixed=True)
-        meshes.append(throw(anchor, parting * way / np.linalg.norm(way)))
+        held = box(*place, (0.2, 0.2, 0.2), isFixed=True)
+        meshes.append(throw(held, parting * way / np.linalg.norm(way)))
         own = farthest(mesh, (0.01, 0.02, 0.03) + way)
         anchor = farthest(meshes[k], (0.01, 0.02, 0.03) - way)
         length = length_of(np.linalg.norm(mesh.currVertices[own] - meshes[k].currVertices[anchor]))
