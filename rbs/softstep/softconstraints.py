@@ -5,6 +5,7 @@ conserve the energy. Distance errors are pushed out by a pseudo-velocity, which 
 then dropped, so that it adds none.
 """
 
+from copy import copy
 from functools import lru_cache
 
 import numpy as np
@@ -98,7 +99,8 @@ class SoftConstraints:
             lasting = np.maximum(lasting, self.pulls)
         self._free, self._lasting = motion.inverse.copy(), np.zeros(self.count)
         self._update(motion, lasting)
-        self.isInfeasible = self._infeasible(motion)
+        trial = copy(self)
+        self.isInfeasible, self.visits = trial.infeasible(motion), trial.visits
 
     def _update(self, motion, pull):
         """Updates distances, bounds, J, and responses for the present poses, and masses and
@@ -177,16 +179,16 @@ class SoftConstraints:
             more = np.eye(3)[..., None] * (turning[some] - 1.0 / inertia.trace())
             motion.invInertia[:, some] = inverted(inverted(inertia) + more).reshape(9, -1)
 
-    def _infeasible(self, motion):
+    def infeasible(self, motion):
         """`isInfeasible`: with supports and bounds as they are when the step ends, Newton's method
-        leaves errors, and more than half of their sum over the island.
+        leaves errors, and more than half of their sum over the island. The constraints are left at
+        the poses at which it ended.
         """
         ahead = motion.timeStep * motion.rates() * (motion.invMass == 0.0)
-        if not (self.isOff.any() or ahead.any() or self._rates.any()):
-            return self.isOff
         begin, self._left = motion.displacement.copy(), 0.0
-        self._move(motion, ahead)
-        self._update(motion, self._lasting)
+        if ahead.any() or self._rates.any():
+            self._move(motion, ahead)
+            self._update(motion, self._lasting)
         most = 0.5 * np.bincount(self._island, np.abs(self.C))
         for _ in range(SWEEPS):
             if not self.isOff.any():
@@ -195,11 +197,8 @@ class SoftConstraints:
             self._move(motion, self._changes(motion, answer))
             self._update(motion, self._lasting)
         isOver = np.bincount(self._island, np.abs(self.C)) > most
-        found = self._greatest(self.isOff) & isOver[self._island]
-        motion.displacement[:], self._left = begin, motion.timeStep
-        self._rotation = quaternions(motion.turn)
-        self._update(motion, self._lasting)
-        return found
+        motion.displacement[:] = begin
+        return self._greatest(self.isOff) & isOver[self._island]
 
     def pull(self, motion):
         """Keeps distances as they are, or within their bounds, in the motion that follows: as the
@@ -273,11 +272,10 @@ class SoftConstraints:
         """
         least = np.where(mayChange, TOLERANCE * self._greatest(np.abs(error)), np.inf)
         isActive = isActive | ((-error).clip(self.lowest, self.highest) == -error)
-        softness = np.where(self.isInfeasible, SOFTNESS, ROUNDING)
         before = self._changes(motion, self.pulls)
         free = error - self._speeds(before)
         for _ in range(SWEEPS):
-            answer = self._answer(isActive, free, softness)
+            answer = self._answer(isActive, free)
             wanted, isMissing = answer.clip(self.lowest, self.highest), ~isActive
             wanted = np.where(mayChange, wanted, self.pulls)
             isWrong = self.response * np.abs(wanted - answer) > least
@@ -292,17 +290,16 @@ class SoftConstraints:
         motion.velocity += change - before
         self.pulls = wanted
 
-    def _answer(self, isActive, speed, softness):
+    def _answer(self, isActive, speed, softness=None):
         """Impulses (K,) of active rows that stop speeds u (K,): (A + softness diag A) λ = -u
 
-        softness : a number, or (K,)
+        softness : a number; None stands for the constraints' own, by whether they are infeasible
         """
         order = self._order[isActive[self._order]]
         answer, count = np.zeros(self.count), len(order)
         if count == 0:
             return answer
-        softness = (softness * self.response)[order]
-        key = isActive.tobytes(), softness.tobytes()
+        key = isActive.tobytes(), softness
         if key not in self._factors:
             place = np.empty(self.count, dtype=np.intp)
             place[order] = np.arange(count)
@@ -310,9 +307,11 @@ class SoftConstraints:
             i, j = place[take(self.rows, some, 1)]
             width, place = int((i - j).max()) + 1, (i - j) * count + j
             band = np.bincount(place, self.A[some], width * count).reshape(width, count)
-            info, scale = 1, 1.0
+            if softness is None:
+                softness = np.where(self.isInfeasible[order], SOFTNESS, ROUNDING)
+            added, info, scale = softness * self.response[order], 1, 1.0
             while info and scale < np.inf:  # indefinite by rounding, as of a needle
-                band[0] += scale * softness
+                band[0] += scale * added
                 self._factors[key], info = dpbtrf(band, lower=True)
                 scale *= 10.0
             self.visits += count
